@@ -1,0 +1,104 @@
+"""Coverage of scripted policies: what a learner has to beat, and what is possible.
+
+    python benchmarks/coverage.py --out results/coverage.csv
+
+Share of the maze's cells visited in 1800 decisions by a uniformly random walk and by
+a sticky, forward-biased one, and the decisions that a frontier-following expert, who
+knows the plan, takes to visit every cell. Means over episodes from random starts,
+with 95 % bootstrap intervals.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import numpy as np
+import torch
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import InitTracker, TransformedEnv
+from tqdm import tqdm
+
+from toponav.envs import MAZES, DoomMazeEnv, load_maze
+from toponav.evaluation import FrontierExpert, RandomPolicy, StickyPolicy
+from toponav.keys import COVERAGE, DECISIONS_TO_COVERAGE
+from toponav.transforms import Coverage
+
+BATCH = 16
+
+
+def episodes(
+    maze: str, policy: TensorDictModuleBase, *, count: int, length: int, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Final coverage in percent, and decisions to full coverage, of each episode."""
+    layout = load_maze(maze)
+    base = DoomMazeEnv(
+        layout, batch_size=BATCH, privileged=True, seed=seed, episode_length=length + 1
+    )
+    meter = Coverage(torch.from_numpy(layout.open_mask))
+    env = TransformedEnv(base, meter).append_transform(InitTracker())
+    covered, decisions = [], []
+    try:
+        for _ in range(-(-count // BATCH)):
+            data = env.reset()
+            for _ in range(length):
+                data = env.step_mdp(env.step(policy(data)))
+            covered.append(100 * data[COVERAGE][:, 0].numpy())
+            decisions.append(data[DECISIONS_TO_COVERAGE][:, -1].numpy())
+    finally:
+        env.close()
+    return np.concatenate(covered)[:count], np.concatenate(decisions)[:count]
+
+
+def interval(values: np.ndarray) -> tuple[float, float, float]:
+    """Mean and its 95 % bootstrap interval."""
+    generator = np.random.default_rng(0)
+    draws = generator.choice(values, (10_000, len(values))).mean(1)
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return float(values.mean()), float(low), float(high)
+
+
+def main() -> None:
+    """Measure, print the table, keep it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--episodes", type=int, default=128)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    rows = []
+    for maze in tqdm(MAZES, desc="maze"):
+        mask = torch.from_numpy(load_maze(maze).open_mask)
+        walks = {
+            "uniform random": RandomPolicy(seed=options.seed),
+            "sticky random": StickyPolicy(seed=options.seed),
+        }
+        for name, policy in walks.items():
+            covered, _ = episodes(
+                maze, policy, count=options.episodes, length=1800, seed=options.seed
+            )
+            rows.append([maze, name, "coverage after 1800 decisions, %", covered])
+        covered, decisions = episodes(
+            maze,
+            FrontierExpert(mask, seed=options.seed),
+            count=options.episodes // 2,
+            length=600,
+            seed=options.seed,
+        )
+        rows.append(
+            [maze, "frontier expert", "coverage after 600 decisions, %", covered]
+        )
+        rows.append([maze, "frontier expert", "decisions to 100 %", decisions])
+    table = [
+        [maze, policy, what, len(values), *(round(x, 1) for x in interval(values))]
+        for maze, policy, what, values in rows
+    ]
+    header = ["maze", "policy", "what", "episodes", "mean", "ci_low", "ci_high"]
+    for row in [header, *table]:
+        print("{:8} {:16} {:34} {:>8} {:>7} {:>7} {:>7}".format(*map(str, row)))
+    if options.out:
+        with options.out.open("w", newline="") as file:
+            csv.writer(file).writerows([header, *table])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""Speed of the batched environment, as ratios taken in one run.
+
+    python benchmarks/env_speed.py --out results/env_speed.json
+
+Rates are decisions per second (one decision is four engine tics and one view) with
+random actions in maze1 at 160x120, the median of several windows that take turns:
+
+- bare: as many ``DoomGame`` as mazes, stepped in lock step by a thread pool with a
+  thread each; the roof of anything that steps them together. Target for the
+  environment: 0.7 of it with 8 mazes, 0.8 with 16.
+- ``DoomMazeEnv``: ``step_and_maybe_reset``, as collectors drive it.
+- stock: ``ParallelEnv(8, GymEnv("toponav/Maze1-v0"))``. Target for the environment:
+  at least 2.5 times its rate.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from torchrl.envs import EnvBase, GymEnv, ParallelEnv
+
+from toponav.envs import DoomMazeEnv, load_maze
+from toponav.envs.doom.engine import ACTION_REPEAT
+from toponav.envs.doom.game import ACTIONS, MazeGame
+from toponav.envs.scene import SceneRules, draw_scene
+
+BUTTONS = [list(buttons) for buttons in ACTIONS.values()]
+
+
+def bare_stepper(size: int) -> tuple[Callable[[list[int]], object], Callable[[], None]]:
+    """A lock-step pool over bare engines, and what ends it."""
+    layout = load_maze("maze1")
+    games = [MazeGame(layout) for _ in range(size)]
+    generator = np.random.default_rng(0)
+    for game in games:
+        game.reset(draw_scene(layout, SceneRules(), generator))
+    pool = ThreadPoolExecutor(size)
+
+    def step_one(game: MazeGame, action: int) -> object:
+        engine = game.engine.game
+        engine.make_action(BUTTONS[action], ACTION_REPEAT)
+        return engine.get_state().screen_buffer
+
+    def step(actions: list[int]) -> object:
+        return list(pool.map(step_one, games, actions))
+
+    def close() -> None:
+        pool.shutdown()
+        for game in games:
+            game.close()
+
+    return step, close
+
+
+def env_stepper(env: EnvBase) -> Callable[[list[int]], object]:
+    """Steps an environment as a collector does."""
+    data = env.reset()
+
+    def step(actions: list[int]) -> object:
+        nonlocal data
+        data["action"] = torch.tensor(actions)
+        _, data = env.step_and_maybe_reset(data)
+        return data
+
+    return step
+
+
+def stock_env() -> EnvBase:
+    """One Gymnasium maze in a worker of ``ParallelEnv``."""
+    torch.set_num_threads(1)
+    return GymEnv("toponav/Maze1-v0", categorical_action_encoding=True)
+
+
+def rates(
+    steppers: dict[str, Callable[[list[int]], object]],
+    size: int,
+    *,
+    windows: int,
+    seconds: float,
+) -> dict[str, list[float]]:
+    """Decisions per second of each stepper in each window; they take turns."""
+    actions = torch.randint(0, len(BUTTONS), (4096, size)).tolist()
+    found: dict[str, list[float]] = {name: [] for name in steppers}
+    for _ in range(windows):
+        for name, step in steppers.items():
+            start, count = time.perf_counter(), 0
+            while time.perf_counter() - start < seconds:
+                step(actions[count % len(actions)])
+                count += 1
+            found[name].append(count * size / (time.perf_counter() - start))
+    return found
+
+
+def compare(
+    size: int, *, with_stock: bool, windows: int, seconds: float
+) -> dict[str, object]:
+    """One table row: rates, and their ratios window by window."""
+    bare, close_bare = bare_stepper(size)
+    env = DoomMazeEnv(load_maze("maze1"), batch_size=size)
+    steppers = {"bare": bare, "env": env_stepper(env)}
+    stock = (
+        ParallelEnv(size, stock_env, mp_start_method="spawn") if with_stock else None
+    )
+    if stock is not None:
+        steppers["stock"] = env_stepper(stock)
+    try:
+        found = rates(steppers, size, windows=windows, seconds=seconds)
+    finally:
+        close_bare()
+        env.close()
+        if stock is not None:
+            stock.close()
+    row = {name: round(statistics.median(values)) for name, values in found.items()}
+    for other in [name for name in found if name != "env"]:
+        ratios = [a / b for a, b in zip(found["env"], found[other], strict=True)]
+        row[f"env/{other}"] = round(statistics.median(ratios), 3)
+        row[f"env/{other} range"] = [round(min(ratios), 3), round(max(ratios), 3)]
+    return {"mazes": size, **row, "load": round(os.getloadavg()[0], 2)}
+
+
+def main() -> None:
+    """Measure, print the table, keep it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--windows", type=int, default=9)
+    parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    run = partial(compare, windows=options.windows, seconds=options.seconds)
+    rows = [run(8, with_stock=True), run(16, with_stock=False)]
+    for row in rows:
+        print(row)
+    if options.out:
+        options.out.write_text(json.dumps(rows, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,18 @@
+"""Settings of networks that are small enough for tests."""
+
+from toponav.config import ModelConfig
+
+
+def tiny_model(**changes: object) -> ModelConfig:
+    """The smallest networks of the package, with changes."""
+    values = {
+        "encoder": "small",
+        "embedding_dim": 16,
+        "batch_norm": True,
+        "share_encoder": True,
+        "comparator": "difference",
+        "projection_dim": 8,
+        "comparator_hidden": [8],
+        "locomotion_hidden": [8],
+    }
+    return ModelConfig(**(values | changes))

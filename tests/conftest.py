@@ -1,0 +1,60 @@
+"""What every test stands on: one thread, folders of its own, nothing left behind."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+import torch
+
+from toponav.envs.doom import instances
+
+torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def private_folders() -> Iterator[Path]:
+    """Engines and WADs of this session, its child processes included, in one place.
+
+    Fails the session if an engine process or shared memory of ours is left.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="toponav-tests-"))
+    before = dict(os.environ)
+    os.environ["TMPDIR"] = str(folder)
+    os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
+    tempfile.tempdir = None
+    started: list[str] = []
+    note_instance = instances.note_instance
+
+    def note(claimed: Path, instance_id: str) -> None:
+        started.append(instance_id)
+        note_instance(claimed, instance_id)
+
+    instances.note_instance = note
+    yield folder
+    instances.note_instance = note_instance
+    engines = _processes_naming(folder)
+    for engine in engines:
+        engine.kill()
+    memory = [path.name for path in Path("/dev/shm").glob("ViZDoom*")]
+    os.environ.clear()
+    os.environ.update(before)
+    tempfile.tempdir = None
+    shutil.rmtree(folder, ignore_errors=True)
+    assert not engines, f"the tests must end all engines, got {engines} left"
+    left = [name for name in memory if any(name.endswith(end) for end in started)]
+    assert not left, f"the tests must leave no shared memory, got {left}"
+
+
+def _processes_naming(folder: Path) -> list[psutil.Process]:
+    return [
+        process
+        for process in psutil.process_iter(["cmdline"])
+        if any(
+            str(folder) in word and word.endswith("engine.ini")
+            for word in process.info["cmdline"] or []
+        )
+    ]

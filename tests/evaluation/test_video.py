@@ -1,0 +1,131 @@
+from functools import partial
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+import torch
+from matplotlib.colors import to_rgb
+
+from tests.fakes import MAZES, parse
+from toponav.evaluation import PlanRenderer, draw_plan, side_by_side, write_video
+from toponav.evaluation.plan import AGENT, VALUE_COLOURS
+
+MASK, _ = parse(MAZES["maze3"])
+RENDERER = PlanRenderer(partial(draw_plan, open_mask=MASK), height=240)
+
+
+def centre_of(picture, colour, tolerance=40):
+    """Return the mean x and y (from the top) of the pixels of a colour."""
+    wanted = np.asarray(to_rgb(colour)) * 255
+    hits = np.argwhere(np.abs(picture.astype(float) - wanted).max(-1) < tolerance)
+    return hits.mean(0)[::-1]
+
+
+def test_the_dot_moves_as_the_agent_does():
+    # Maze3 is 13 x 11 cells; the agent walks 6 cells east, then 4 cells north.
+    places = np.array([[192.0, 192.0], [960.0, 192.0], [960.0, 704.0]])
+    pictures = list(RENDERER.walk(places, [0.0, 0.0, 90.0], jump=0.0))
+    dots = np.array([centre_of(picture, AGENT) for picture in pictures])
+    unit = 240 * 0.96 / 11  # pixels of a cell, at most: the margin is 2 %
+    moved = np.diff(dots, axis=0) / unit
+    # The arrow head in the dot moves its centre of blue by a pixel or two.
+    np.testing.assert_allclose(moved, [[6, 0], [0, -4]], atol=0.35)
+
+
+def test_the_trail_stays_and_is_coloured_by_time():
+    places = np.stack([np.linspace(192, 1472, 30), np.full(30, 704.0)], 1)
+    *_, last = RENDERER.walk(places, np.zeros(30))
+    for share in (0.1, 0.5, 0.8):
+        colour = VALUE_COLOURS(share)[:3]
+        assert np.isfinite(centre_of(last, colour, tolerance=12)).all()
+
+
+def test_a_new_start_within_the_episode_leaves_no_trail():
+    places = np.array([[192.0, 192.0], [1472.0, 1216.0]])
+    joined = list(RENDERER.walk(places, [0, 0], jump=1e9))[-1]
+    apart = list(RENDERER.walk(places, [0, 0]))[-1]
+    assert (joined != apart).any()
+
+
+def test_the_plan_itself_is_not_painted_on():
+    places = np.array([[192.0, 192.0], [300.0, 192.0]])
+    first = list(RENDERER.walk(places, [0, 0]))
+    again = list(RENDERER.walk(places, [0, 0]))
+    assert all((a == b).all() for a, b in zip(first, again, strict=True))
+
+
+def test_view_is_enlarged_without_smoothing():
+    view = np.random.default_rng(0).integers(0, 256, (120, 160, 3), np.uint8)
+    plan = np.zeros((240, 100, 3), np.uint8)
+    (frame,) = side_by_side([torch.from_numpy(view)], [plan], gap=4)
+    assert frame.shape == (240, 320 + 4 + 100, 3)
+    assert (frame[::2, :320:2] == view).all()
+    assert (frame[1::2, 1:320:2] == view).all()
+    assert (frame[:, 320:324] == 255).all()
+
+
+def test_as_many_views_as_plans():
+    plan = np.zeros((24, 10, 3), np.uint8)
+    with pytest.raises(ValueError, match="argument 2 is shorter"):
+        list(side_by_side(np.zeros((2, 12, 16, 3), np.uint8), [plan]))
+
+
+def frames_of(*levels, shape=(64, 96, 3)):
+    return [np.full(shape, level, np.uint8) for level in levels]
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_video_holds_the_frames_in_order(tmp_path, suffix):
+    path = tmp_path / "deep" / f"walk{suffix}"
+    write_video(path, iter(frames_of(20, 120, 220)), fps=5)
+    read = iio.imread(path, index=None if suffix == ".mp4" else ...)
+    assert read.shape == (3, 64, 96, 3)
+    np.testing.assert_allclose(read.mean((1, 2, 3)), [20, 120, 220], atol=6)
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+
+
+def test_mp4_is_h264_that_every_player_shows(tmp_path):
+    path = tmp_path / "odd.mp4"
+    write_video(path, frames_of(10, 20, shape=(65, 97, 3)), fps=10)
+    meta = iio.immeta(path, plugin="pyav")
+    assert meta["codec"] == "h264"
+    assert meta["video_format"] == "yuv420p"
+    assert meta["fps"] == pytest.approx(10)
+    assert iio.imread(path).shape[1:] == (64, 96, 3)
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "walk.gif"
+    write_video(path, frames_of(1, 2))
+    old = path.read_bytes()
+
+    def broken():
+        yield from frames_of(3)
+        raise RuntimeError("lost the engine")
+
+    with pytest.raises(RuntimeError, match="lost the engine"):
+        write_video(path, broken())
+    assert path.read_bytes() == old
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "fps", "message"),
+    [
+        ("a.avi", frames_of(1), 5, "path must end in .mp4 or .gif, got 'a.avi'"),
+        ("a.gif", frames_of(1), 0, "fps must be at least 1, got 0"),
+        ("a.gif", [], 5, "frames must have at least one frame, got none"),
+        ("a.mp4", [], 5, "frames must have at least one frame, got none"),
+    ],
+)
+def test_wrong_arguments_are_refused(tmp_path, name, frames, fps, message):
+    with pytest.raises(ValueError, match=message):
+        write_video(tmp_path / name, frames, fps=fps)
+    assert not list(tmp_path.iterdir())
+
+
+def test_wrong_renderer_arguments_are_refused():
+    with pytest.raises(ValueError, match="height must be at least 64, got 10"):
+        PlanRenderer(partial(draw_plan, open_mask=MASK), height=10)
+    with pytest.raises(ValueError, match="headings must be as many as positions, 2"):
+        list(RENDERER.walk([[0, 0], [1, 1]], [0.0]))

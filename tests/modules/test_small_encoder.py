@@ -1,0 +1,104 @@
+import copy
+
+import pytest
+import torch
+from torch import nn
+from torch.nn import functional as F  # noqa: N812
+from torch.utils.flop_counter import FlopCounterMode
+
+from toponav.modules import ResNet18, SmallEncoder
+from toponav.modules.small_encoder import box_downsample
+
+
+def pixels(*batch: int) -> torch.Tensor:
+    return torch.randint(0, 256, (*batch, 24, 32, 3), dtype=torch.uint8)
+
+
+def make_encoder(*, batch_norm: bool = True) -> SmallEncoder:
+    return SmallEncoder(16, batch_norm=batch_norm, image_size=(24, 32))
+
+
+def count_flop(encoder: nn.Module) -> int:
+    counter = FlopCounterMode(display=False)
+    with counter:
+        encoder(torch.zeros(1, 120, 160, 3, dtype=torch.uint8))
+    return int(counter.get_total_flops())
+
+
+def test_it_is_at_least_ten_times_cheaper_than_resnet() -> None:
+    small, large = SmallEncoder().eval(), ResNet18().eval()
+    # 2 * (30*40*32*75 + 15*20*48*288 + 8*10*64*432 + 4*5*96*576 + 1920*256)
+    assert count_flop(small) == 21_672_960
+    assert count_flop(large) > 10 * count_flop(small)
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
+def test_the_box_is_the_mean_of_four_pixels(dtype: torch.dtype) -> None:
+    image = pixels(3)
+    given = image if dtype == torch.uint8 else image.float() / 255
+    expected = F.avg_pool2d(image.permute(0, 3, 1, 2).float() / 255, 2)
+    planes = box_downsample(given, torch.float32)
+    assert torch.allclose(planes, expected, atol=1e-6)
+    assert planes.is_contiguous(memory_format=torch.channels_last)
+
+
+@pytest.mark.parametrize("batch_norm", [True, False])
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
+def test_any_batch_shape_is_kept(batch: tuple[int, ...], batch_norm: bool) -> None:
+    encoder = make_encoder(batch_norm=batch_norm).eval()
+    assert encoder(pixels(*batch)).shape == (*batch, 16)
+
+
+def test_batch_norm_is_a_choice() -> None:
+    def count(encoder: nn.Module) -> int:
+        return sum(isinstance(m, nn.BatchNorm2d) for m in encoder.modules())
+
+    assert count(make_encoder(batch_norm=True)) == 4
+    assert count(make_encoder(batch_norm=False)) == 0
+
+
+@pytest.mark.parametrize("batch_norm", [True, False])
+def test_gradients_reach_every_parameter(batch_norm: bool) -> None:
+    encoder = make_encoder(batch_norm=batch_norm)
+    encoder(pixels(8)).square().sum().backward()
+    for name, parameter in encoder.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.abs().sum() > 0, name
+
+
+def test_bfloat16_stays_close() -> None:
+    encoder = make_encoder().eval()
+    image = pixels(4)
+    exact = encoder(image)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        rough = encoder(image)
+    assert rough.dtype == torch.bfloat16
+    # bfloat16 keeps 8 bits, and five layers add up.
+    assert (rough - exact).norm() / exact.norm() < 0.02
+
+
+def test_a_halved_view_gives_the_same_up_to_rounding() -> None:
+    encoder, full = make_encoder().eval(), pixels(6)
+    planes = full.permute(0, 3, 1, 2).float()
+    exact = F.avg_pool2d(planes, 2).permute(0, 2, 3, 1)
+    # Floats that were not rounded give the same embedding, bytes nearly.
+    assert torch.allclose(encoder(exact / 255), encoder(full), atol=1e-5)
+    rounded = encoder(exact.round().to(torch.uint8))
+    assert (rounded - encoder(full)).norm() / encoder(full).norm() < 0.01
+
+
+def test_a_copy_and_a_loaded_network_give_the_same() -> None:
+    encoder, loaded = make_encoder().eval(), make_encoder().eval()
+    loaded.load_state_dict(encoder.state_dict())
+    image = pixels(2)
+    assert torch.equal(loaded(image), encoder(image))
+    assert torch.equal(copy.deepcopy(encoder)(image), encoder(image))
+
+
+def test_an_odd_size_and_a_wrong_image_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"image_size must be even, got \(23, 32\)"):
+        SmallEncoder(image_size=(23, 32))
+    with pytest.raises(ValueError, match=r"shape \[24, 32, 3\] or \[12, 16, 3\]"):
+        make_encoder()(torch.zeros(1, 3, 24, 32, dtype=torch.uint8))
+    with pytest.raises(ValueError, match="must be uint8"):
+        make_encoder()(torch.zeros(1, 24, 32, 3, dtype=torch.int32))

@@ -1,0 +1,71 @@
+"""Mazes: layouts and environments."""
+
+import torch
+
+from toponav.config import MazeConfig, SettingsError
+from toponav.envs import (
+    DoomMazeEnv,
+    Layout,
+    load_layout_file,
+    load_maze,
+    make_random_layout,
+)
+
+
+def make_layout(config: MazeConfig) -> Layout:
+    """The maze that a configuration names.
+
+    Raises:
+        SettingsError: if the maze is unknown, or its file or size is not valid.
+    """
+    try:
+        if config.name == "file":
+            assert config.path is not None  # MazeConfig checks it
+            return load_layout_file(config.path)
+        if config.name == "random":
+            return make_random_layout(
+                config.rows, config.cols, seed=config.seed, loops=config.loops
+            )
+        return load_maze(config.name)
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
+def make_env(
+    config: MazeConfig,
+    *,
+    batch_size: int | None = None,
+    seed: int = 0,
+    privileged: bool = False,
+    device: torch.device | str = "cpu",
+) -> DoomMazeEnv:
+    """A batch of mazes.
+
+    Args:
+        config: the maze and what its episodes hold.
+        batch_size: number of mazes; ``None`` is one without a batch dimension.
+        seed: seed of the episodes.
+        privileged: whether to give the truth that evaluation needs.
+        device: where the tensors go.
+
+    Raises:
+        SettingsError: if the settings do not fit the maze.
+        EngineError: if the engine is not installed or cannot load the maze.
+    """
+    layout = make_layout(config)
+    try:
+        return DoomMazeEnv(
+            layout,
+            batch_size=batch_size,
+            apples=config.apples,
+            goal=config.goal,
+            blocked=config.blocked,
+            episode_length=config.episode_length,
+            texture_seed=config.texture_seed,
+            paintings=config.paintings,
+            privileged=privileged,
+            seed=seed,
+            device=device,
+        )
+    except ValueError as error:
+        raise SettingsError(f"maze: {error}") from error

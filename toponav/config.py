@@ -1,0 +1,298 @@
+"""The schema of every setting: one dataclass per ``conf/`` group and per recipe.
+
+Values live in ``conf/``, and so does what each key means, as a comment above it;
+types and ranges live here. Fields are ``MISSING`` so that a value that no YAML
+gives is an error and not a hidden default.
+"""
+
+from dataclasses import dataclass, field
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING
+
+
+class SettingsError(ValueError):
+    """A setting is out of range or does not fit another one."""
+
+
+class TrainingError(RuntimeError):
+    """Training cannot go on, such as after a loss that is not a number."""
+
+
+def require(holds: bool, rule: str, given: object) -> None:
+    """Refuse a setting in one sentence.
+
+    Raises:
+        SettingsError: unless ``holds``; "``rule``, got ``given``".
+    """
+    if not holds:
+        raise SettingsError(f"{rule}, got {given}")
+
+
+def require_at_least(name: str, value: float, least: float) -> None:
+    """`require` that a number is not too small."""
+    require(value >= least, f"{name} must be at least {least}", value)
+
+
+def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    """`require` that a word is one of several."""
+    require(value in choices, f"{name} must be one of {', '.join(choices)}", value)
+
+
+@dataclass
+class MazeConfig:
+    """A maze and what its episodes hold (``conf/maze``)."""
+
+    name: str = MISSING
+    path: str | None = MISSING
+    rows: int = MISSING
+    cols: int = MISSING
+    seed: int = MISSING
+    loops: float = MISSING
+    apples: int = MISSING
+    goal: bool = MISSING
+    blocked: list[str] = field(default_factory=list)
+    episode_length: int = MISSING
+    texture_seed: int = MISSING
+    paintings: float = MISSING
+
+    def __post_init__(self) -> None:
+        require(self.rows >= 1, "maze.rows must be at least 1", self.rows)
+        require(self.cols >= 1, "maze.cols must be at least 1", self.cols)
+        require(0 <= self.loops <= 1, "maze.loops must lie in [0, 1]", self.loops)
+        require(self.apples >= 0, "maze.apples must be at least 0", self.apples)
+        require(
+            self.episode_length >= 1,
+            "maze.episode_length must be at least 1 decision",
+            self.episode_length,
+        )
+        require(
+            0 <= self.paintings <= 1,
+            "maze.paintings must lie in [0, 1]",
+            self.paintings,
+        )
+        require(
+            self.name != "file" or bool(self.path),
+            "maze.path must name a layout file when maze=file",
+            self.path,
+        )
+
+
+@dataclass
+class TourConfig:
+    """Settings of ``recipes/tour.py``."""
+
+    maze: MazeConfig = MISSING
+    seed: int = MISSING
+    decisions: int = MISSING
+    views: int = MISSING
+    video: str = MISSING
+    height: int = MISSING
+
+    def __post_init__(self) -> None:
+        require(self.video in ("mp4", "gif"), "video must be mp4 or gif", self.video)
+        require(self.height >= 64, "height must be at least 64 pixels", self.height)
+        require(self.decisions >= 1, "decisions must be at least 1", self.decisions)
+        require(1 <= self.views <= 12, "views must lie in [1, 12]", self.views)
+
+
+@dataclass
+class ModelConfig:
+    """The TC-network and the L-network (``conf/model``)."""
+
+    encoder: str = MISSING
+    embedding_dim: int = MISSING
+    batch_norm: bool = MISSING
+    share_encoder: bool = MISSING
+    comparator: str = MISSING
+    projection_dim: int = MISSING
+    comparator_hidden: list[int] = MISSING
+    locomotion_hidden: list[int] = MISSING
+
+    def __post_init__(self) -> None:
+        require_choice("model.encoder", self.encoder, ("small", "resnet18"))
+        require_choice("model.comparator", self.comparator, ("concat", "difference"))
+        for name in ("embedding_dim", "projection_dim"):
+            require_at_least(f"model.{name}", getattr(self, name), 1)
+        require(
+            min(self.comparator_hidden, default=0) >= 1,
+            "model.comparator_hidden must be a list of widths of at least 1",
+            self.comparator_hidden,
+        )
+        require(
+            min(self.locomotion_hidden, default=1) >= 1,
+            "model.locomotion_hidden must hold widths of at least 1",
+            self.locomotion_hidden,
+        )
+        require(
+            self.batch_norm or self.encoder == "small",
+            "model.batch_norm must be true with the encoder resnet18",
+            self.batch_norm,
+        )
+
+
+@dataclass
+class CollectConfig:
+    """Where the frames of pre-training come from."""
+
+    decisions: int = MISSING
+    buffer_gb: float = MISSING
+    ahead: int = MISSING
+    share: float = MISSING
+    workers: int = MISSING
+    envs: int = MISSING
+    batch: int = MISSING
+    policy: str = MISSING
+
+    def __post_init__(self) -> None:
+        for name in ("decisions", "ahead", "workers", "envs", "batch"):
+            require_at_least(f"collect.{name}", getattr(self, name), 1)
+        require(0 < self.share <= 1, "collect.share must lie in (0, 1]", self.share)
+        require_choice("collect.policy", self.policy, ("uniform", "sticky"))
+        require(
+            self.batch % self.envs == 0,
+            f"collect.batch must be a multiple of collect.envs={self.envs}",
+            self.batch,
+        )
+        require(self.buffer_gb > 0, "collect.buffer_gb must be above 0", self.buffer_gb)
+
+
+@dataclass
+class PairsConfig:
+    """Which pairs of views train the networks."""
+
+    k: int = MISSING
+    m: int = MISSING
+    locomotion_k: int = MISSING
+    other_episode_share: float = MISSING
+    mined: bool = MISSING
+    per_update: int = MISSING
+    episodes: int = MISSING
+    chunks: int = MISSING
+    chunk_len: int = MISSING
+
+    def __post_init__(self) -> None:
+        names = ("k", "locomotion_k", "per_update", "episodes", "chunks", "chunk_len")
+        for name in names:
+            require_at_least(f"pairs.{name}", getattr(self, name), 1)
+        require_at_least("pairs.m", self.m, 2)
+        require(
+            0 <= self.other_episode_share <= 1,
+            "pairs.other_episode_share must lie in [0, 1]",
+            self.other_episode_share,
+        )
+        longest = max(self.k, self.locomotion_k)
+        require(
+            not self.mined or self.chunk_len > longest,
+            "pairs.chunk_len must be more than pairs.k and pairs.locomotion_k, "
+            f"{longest}",
+            self.chunk_len,
+        )
+
+
+@dataclass
+class TrainConfig:
+    """How the networks are trained."""
+
+    updates: int = MISSING
+    lr: float = MISSING
+    weight_decay: float = MISSING
+    warmup: int = MISSING
+    schedule: str = MISSING
+    locomotion_coeff: float = MISSING
+    max_grad_norm: float = MISSING
+    bf16: bool = MISSING
+    threads: int | None = MISSING
+    save_every_s: float = MISSING
+
+    def __post_init__(self) -> None:
+        require_at_least("train.updates", self.updates, 1)
+        require_choice("train.schedule", self.schedule, ("cosine", "constant"))
+        for name in ("lr", "max_grad_norm", "save_every_s"):
+            value = getattr(self, name)
+            require(value > 0, f"train.{name} must be above 0", value)
+        for name in ("weight_decay", "warmup", "locomotion_coeff"):
+            require_at_least(f"train.{name}", getattr(self, name), 0)
+        if self.threads is not None:
+            require_at_least("train.threads", self.threads, 1)
+
+
+@dataclass
+class ValidateConfig:
+    """What the networks are measured on."""
+
+    episodes: int = MISSING
+    decisions: int = MISSING
+    pairs: int = MISSING
+    every: int = MISSING
+    m: int = MISSING
+
+    def __post_init__(self) -> None:
+        for name in ("episodes", "decisions", "pairs", "every"):
+            require_at_least(f"validate.{name}", getattr(self, name), 1)
+        require_at_least("validate.m", self.m, 2)
+
+
+@dataclass
+class PretrainConfig:
+    """Settings of ``recipes/pretrain.py``."""
+
+    maze: MazeConfig = MISSING
+    mazes: list[str] = MISSING
+    model: ModelConfig = MISSING
+    collect: CollectConfig = MISSING
+    pairs: PairsConfig = MISSING
+    train: TrainConfig = MISSING
+    validate: ValidateConfig = MISSING
+    seed: int = MISSING
+    device: str = MISSING
+    init_from: str | None = MISSING
+    resume: str | None = MISSING
+
+    def __post_init__(self) -> None:
+        longest = max(
+            self.pairs.k * max(self.pairs.m, self.validate.m), self.pairs.locomotion_k
+        )
+        rows = self.collect.envs * self.collect.workers
+        shortest = {
+            "maze.episode_length": self.maze.episode_length,
+            "validate.decisions": self.validate.decisions,
+            "frames in collect.buffer_gb / (workers * envs)": self.buffer // rows,
+            "collect.ahead / (workers * envs)": self.collect.ahead // rows,
+        }
+        for name, length in shortest.items():
+            require(
+                length > longest,
+                f"{name} must be more than M * k = {longest} decisions",
+                length,
+            )
+        require(
+            self.collect.ahead <= self.collect.decisions,
+            f"collect.ahead must be at most collect.decisions={self.collect.decisions}",
+            self.collect.ahead,
+        )
+
+    @property
+    def halve(self) -> bool:
+        """Whether frames are kept at half their size: all that `small` looks at."""
+        return self.model.encoder == "small"
+
+    @property
+    def buffer(self) -> int:
+        """Frames that ``collect.buffer_gb`` holds, a batch at least."""
+        side = 2 if self.halve else 1
+        frame = (120 // side) * (160 // side) * 3
+        return max(int(self.collect.buffer_gb * 1e9) // frame, self.collect.batch)
+
+
+#: Recipe name -> schema of its settings.
+RECIPES: dict[str, type] = {"pretrain": PretrainConfig, "tour": TourConfig}
+
+
+def register() -> None:
+    """Put the schema into Hydra's store, where the YAML files find it."""
+    store = ConfigStore.instance()
+    store.store(group="maze", name="schema", node=MazeConfig)
+    store.store(group="model", name="schema", node=ModelConfig)
+    for name, schema in RECIPES.items():
+        store.store(name=f"{name}_schema", node=schema)

@@ -1,0 +1,91 @@
+"""`Chunks`: a few stretches of successive frames per episode, to mine pairs from."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from toponav.data.episodes import Episodes
+from toponav.keys import EPISODE, STEP
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """Draw a batch of ``E`` episodes with ``C`` chunks of successive frames each.
+
+    Embedded once, the frames of one batch give many pairs (`TCPairs.mine`,
+    `LPairs.mine`): short distances within a chunk, long ones between the chunks of an
+    episode. Episodes are drawn in proportion to their length, and not twice in a
+    batch while there are enough; chunks start anywhere and may overlap. A sample has
+    the batch size ``[E, C * chunk_len]`` and the extra keys ``episode`` and ``step``.
+
+    Args:
+        chunks_per_episode: number C of chunks.
+        chunk_len: frames in a chunk; more than the largest distance of a positive
+            pair.
+        min_length: episodes shorter than this are left out. Pairs of the TC-network
+            need more than M * k decisions.
+
+    Raises:
+        ValueError: if a number is below 1; from ``draw``, if the batch is no multiple
+            of ``C * chunk_len`` or no episode is long enough.
+
+    Examples:
+        >>> episodes = Episodes.from_lengths([50, 80])
+        >>> place, extra = Chunks(2, 5).draw(episodes, 20, None)
+        >>> place.shape, extra["step"].shape
+        (torch.Size([2, 10]), torch.Size([2, 10]))
+
+    Shape notation:
+        E: episodes.  C: chunks of an episode.
+    """
+
+    chunks_per_episode: int = 4
+    chunk_len: int = 5
+    min_length: int = 21
+
+    def __post_init__(self) -> None:
+        if min(self.chunks_per_episode, self.chunk_len, self.min_length) < 1:
+            raise ValueError(f"every number of Chunks must be at least 1, got {self}.")
+
+    def draw(
+        self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Draw ``batch_size`` frames: places ``[E, C * chunk_len]`` and the keys."""
+        per_episode = self.chunks_per_episode * self.chunk_len
+        num_episodes = batch_size // per_episode
+        if num_episodes < 1 or batch_size % per_episode:
+            raise ValueError(
+                f"batch_size must be a multiple of chunks_per_episode * chunk_len = "
+                f"{per_episode}, got {batch_size}; the nearest is "
+                f"{max(round(batch_size / per_episode), 1) * per_episode}."
+            )
+        shortest = max(self.min_length, self.chunk_len)
+        usable = (episodes.length >= shortest).nonzero().squeeze(-1)
+        if not len(usable):
+            raise ValueError(
+                f"the buffer must hold an episode of at least {shortest} decisions, "
+                f"got {episodes.longest} at most; collect more, or lower min_length."
+            )
+        length = episodes.length[usable]
+        chosen = torch.multinomial(
+            length.double(),
+            num_episodes,
+            replacement=num_episodes > len(usable),
+            generator=generator,
+        )
+        run = usable[chosen]
+        uniform = torch.rand(
+            num_episodes,
+            self.chunks_per_episode,
+            dtype=torch.float64,
+            generator=generator,
+        )
+        num_starts = episodes.length[run] - self.chunk_len + 1
+        first = (uniform * num_starts.unsqueeze(-1)).long()
+        offset = (first.unsqueeze(-1) + torch.arange(self.chunk_len)).flatten(1)
+        run = run.unsqueeze(-1)
+        return episodes.start[run] + offset, {
+            EPISODE: episodes.group_start[run].expand_as(offset),
+            STEP: episodes.first_step[run] + offset,
+        }

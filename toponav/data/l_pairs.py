@@ -1,0 +1,103 @@
+"""`LPairs`: two views of an episode and the action between, for the L-network."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor
+
+from toponav.data.episodes import Episodes
+from toponav.data.pairs import (
+    distance_weights,
+    draw_at_distance,
+    draw_below,
+    gather_pairs,
+)
+from toponav.keys import ACTION, EMBEDDING, EPISODE, STEP, WEIGHT
+
+
+@dataclass(frozen=True)
+class LPairs:
+    """The rule of the L-network's pairs ``(o_i, o_(i+j), a_i)``, and how to get them.
+
+    The distance j is uniform in 1..k, no pair spans two episodes, and the earlier view
+    always comes first: the action is the first one on the way. `draw` is for an
+    `EpisodeSampler` with `SplitPairs` behind it, `mine` for batches of `Chunks`; see
+    `TCPairs`, with which a batch of chunks can be shared.
+
+    Reference:
+        The paper, "Navigation implementation", eq. 14; the uniform distance from
+        Savinov et al., "Semi-parametric Topological Memory" (2018).
+        https://arxiv.org/abs/1803.00653
+
+    Args:
+        max_action_distance: k, the largest distance in decisions.
+
+    Raises:
+        ValueError: if ``max_action_distance < 1``; from ``draw``, if no episode is
+            longer than that.
+
+    Examples:
+        >>> place, _ = LPairs(4).draw(Episodes.from_lengths([9, 9]), 8, None)
+        >>> distance = place[:, 1] - place[:, 0]
+        >>> bool(((distance >= 1) & (distance <= 4)).all())
+        True
+
+    Shape notation:
+        P: pairs.
+    """
+
+    max_action_distance: int = 4
+
+    def __post_init__(self) -> None:
+        if self.max_action_distance < 1:
+            raise ValueError(
+                f"max_action_distance must be at least 1, got "
+                f"{self.max_action_distance}."
+            )
+
+    def draw(
+        self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Draw pairs: places ``[P, 2]`` of anchor and other, in this order."""
+        longest = episodes.longest
+        if longest <= self.max_action_distance:
+            raise ValueError(
+                f"the buffer must hold an episode of more than max_action_distance = "
+                f"{self.max_action_distance} decisions, got {longest} at most; collect "
+                f"more, or choose max_action_distance <= {max(longest - 1, 0)}."
+            )
+        limit = torch.full((batch_size,), self.max_action_distance)
+        distance = 1 + draw_below(limit, generator)
+        return draw_at_distance(episodes, distance, generator), {}
+
+    def mine(
+        self,
+        frames: TensorDictBase,
+        *,
+        in_key: NestedKey = EMBEDDING,
+        action_key: NestedKey = ACTION,
+    ) -> TensorDict:
+        """All pairs among the frames of a batch of `Chunks`.
+
+        The weights make every distance count the same; they sum to one. Gradients
+        flow through ``in_key``.
+
+        Args:
+            frames: ``[*B]`` with ``in_key``, ``action_key``, ``episode`` and ``step``.
+            in_key: what to pair, usually the embeddings; ``[*B, *D]``.
+            action_key: int64 ``[*B]``.
+
+        Returns:
+            ``[P]`` with ``anchor``, ``other``, ``action`` and ``weight``.
+        """
+        episode = frames.get(EPISODE).flatten().cpu()
+        step = frames.get(STEP).flatten().cpu()
+        same = episode.unsqueeze(0) == episode.unsqueeze(1)
+        gap = step.unsqueeze(0) - step.unsqueeze(1)
+        near = same & (gap >= 1) & (gap <= self.max_action_distance)
+        pair = near.nonzero()
+        weight = distance_weights(gap[near], self.max_action_distance)
+        action = frames.get(action_key).flatten()
+        entries = {ACTION: action[pair[:, 0].to(action.device)], WEIGHT: weight}
+        return gather_pairs(frames, pair, in_key, entries)

@@ -1,0 +1,226 @@
+"""`TCPairs`: pairs of views that are close or far in time, for the TC-network."""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor
+
+from toponav.data.episodes import Episodes
+from toponav.data.pairs import (
+    distance_weights,
+    draw_at_distance,
+    draw_below,
+    gather_pairs,
+)
+from toponav.keys import EMBEDDING, EPISODE, LABEL, STEP, WEIGHT
+
+
+@dataclass(frozen=True)
+class TCPairs:
+    """The rule of the TC-network's pairs, and how to get them.
+
+    A pair is positive at 1..k decisions and negative from M * k on; what lies between
+    is not used, and no pair spans two episodes unless ``other_episode_share`` asks for
+    it. Half the pairs are positive, their distance is uniform, and which view comes
+    first is a coin's throw.
+
+    `draw` is the paper's way, pair by pair: put the rule in an `EpisodeSampler` and
+    `SplitPairs` behind it. `mine` takes all pairs of a batch of `Chunks`, where each
+    view is embedded once for many pairs; weights then stand for what `draw` does by
+    chance.
+
+    Reference:
+        The paper, "Temporal correlation network"; M = 5 and the random order from
+        Savinov et al., "Episodic Curiosity through Reachability" (2019).
+        https://arxiv.org/abs/1810.02274
+
+    Args:
+        max_action_distance: k, the largest distance of a positive pair in decisions.
+        negative_sample_multiplier: M; negatives are at least M * k decisions apart.
+        other_episode_share: share of the negatives whose views come from two
+            episodes, in [0, 1].
+        max_negatives: `mine` keeps at most so many negatives of either kind, drawn at
+            random; ``None`` keeps all of one episode, and as many of two.
+
+    Raises:
+        ValueError: if an argument is out of range; from ``draw``, if no episode is
+            longer than M * k, or there is only one and the share asks for two.
+
+    Examples:
+        >>> rule = TCPairs(max_action_distance=4, negative_sample_multiplier=5)
+        >>> episodes = Episodes.from_lengths([30, 100])
+        >>> place, extra = rule.draw(episodes, 6, torch.Generator().manual_seed(0))
+        >>> place.shape, extra["label"].sum().item()
+        (torch.Size([6, 2]), 3.0)
+
+    Shape notation:
+        P: pairs.  F: frames of a batch.
+    """
+
+    max_action_distance: int = 4
+    negative_sample_multiplier: int = 5
+    other_episode_share: float = 0.0
+    max_negatives: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.max_action_distance < 1:
+            raise ValueError(
+                f"max_action_distance must be at least 1, got "
+                f"{self.max_action_distance}."
+            )
+        if self.negative_sample_multiplier < 2:
+            raise ValueError(
+                f"negative_sample_multiplier must be at least 2, got "
+                f"{self.negative_sample_multiplier}."
+            )
+        if not 0 <= self.other_episode_share <= 1:
+            raise ValueError(
+                f"other_episode_share must lie in [0, 1], got "
+                f"{self.other_episode_share}."
+            )
+        if self.max_negatives is not None and self.max_negatives < 1:
+            raise ValueError(
+                f"max_negatives must be at least 1, got {self.max_negatives}."
+            )
+
+    @property
+    def min_distance(self) -> int:
+        """M * k, the smallest distance of a negative pair in decisions."""
+        return self.max_action_distance * self.negative_sample_multiplier
+
+    def draw(
+        self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Draw pairs: places ``[P, 2]`` of anchor and other, and ``label`` ``[P]``.
+
+        The first half (rounded up) is positive. Anchors are uniform over the frames
+        that can have such a partner, partners uniform over those that fit.
+        """
+        self._check_length(episodes)
+        num_positives = (batch_size + 1) // 2
+        num_negatives = batch_size - num_positives
+        across = torch.rand(num_negatives, generator=generator)
+        num_across = int((across < self.other_episode_share).sum())
+        distance = 1 + draw_below(
+            torch.full((num_positives,), self.max_action_distance), generator
+        )
+        place = torch.cat(
+            [
+                draw_at_distance(episodes, distance, generator),
+                _draw_apart(
+                    episodes, num_negatives - num_across, self.min_distance, generator
+                ),
+                _draw_across(episodes, num_across, generator),
+            ]
+        )
+        swap = torch.rand(batch_size, generator=generator) < 0.5
+        place = torch.where(swap.unsqueeze(-1), place.flip(-1), place)
+        label = (torch.arange(batch_size) < num_positives).float()
+        return place, {LABEL: label}
+
+    def mine(
+        self,
+        frames: TensorDictBase,
+        *,
+        in_key: NestedKey = EMBEDDING,
+        generator: torch.Generator | None = None,
+    ) -> TensorDict:
+        """All pairs among the frames of a batch of `Chunks`.
+
+        The weights make every positive distance count the same, and positives and
+        negatives half each; they sum to one. A kind of pair that the batch lacks is
+        left out. Gradients flow through ``in_key``.
+
+        Args:
+            frames: ``[*B]`` with ``in_key``, ``episode`` and ``step``.
+            in_key: what to pair, usually the embeddings; ``[*B, *D]``.
+            generator: source of the random order and choice; on the CPU.
+
+        Returns:
+            ``[P]`` with ``anchor``, ``other``, ``label`` and ``weight``.
+        """
+        episode = frames.get(EPISODE).flatten().cpu()
+        step = frames.get(STEP).flatten().cpu()
+        same = episode.unsqueeze(0) == episode.unsqueeze(1)
+        gap = (step.unsqueeze(0) - step.unsqueeze(1)).abs()
+        once = torch.ones_like(same).triu(1)
+        near = once & same & (gap >= 1) & (gap <= self.max_action_distance)
+        positives = near.nonzero()
+        far = (once & same & (gap >= self.min_distance)).nonzero()
+        far = _some(far, self.max_negatives, generator)
+        across = far[:0]
+        if self.other_episode_share > 0:
+            limit = self.max_negatives or max(len(far), len(positives))
+            across = _some((once & ~same).nonzero(), limit, generator)
+        pair = torch.cat([positives, far, across])
+        swap = torch.rand(len(pair), generator=generator) < 0.5
+        pair = torch.where(swap.unsqueeze(-1), pair.flip(-1), pair)
+        share = self.other_episode_share
+        weight = torch.cat(
+            [
+                0.5 * distance_weights(gap[near], self.max_action_distance),
+                torch.full((len(far),), 0.5 * (1 - share) / max(len(far), 1)),
+                torch.full((len(across),), 0.5 * share / max(len(across), 1)),
+            ]
+        )
+        label = (torch.arange(len(pair)) < len(positives)).float()
+        return gather_pairs(frames, pair, in_key, {LABEL: label, WEIGHT: weight})
+
+    def _check_length(self, episodes: Episodes) -> None:
+        longest = episodes.longest
+        if longest <= self.min_distance:
+            k, m = self.max_action_distance, self.negative_sample_multiplier
+            raise ValueError(
+                f"the buffer must hold an episode of more than M * k = {m} * {k} = "
+                f"{self.min_distance} decisions, got {longest} at most; collect more, "
+                f"or choose M * k <= {max(longest - 1, 0)}."
+            )
+        if self.other_episode_share > 0 and bool(
+            (episodes.group_length == len(episodes.order)).any()
+        ):
+            raise ValueError(
+                "the buffer must hold at least two episodes to pair frames of "
+                "different ones, got one; collect more, or set other_episode_share=0."
+            )
+
+
+def _draw_apart(
+    episodes: Episodes, num: int, gap: int, generator: torch.Generator | None
+) -> Tensor:
+    """Places ``[num, 2]`` of frames of one run at least ``gap`` decisions apart."""
+    length = episodes.length
+    # Of a run of length L, frames t < L - gap and t >= gap have a partner.
+    with_partner = torch.minimum(2 * (length - gap), length).clamp(min=0)
+    before = with_partner.cumsum(0)
+    target = draw_below(before[-1].expand(num), generator)
+    run = torch.searchsorted(before, target, right=True)
+    offset = target - (before - with_partner)[run]
+    # In a run shorter than 2 * gap the frames in the middle have none: step over them.
+    middle = length[run] - with_partner[run]
+    offset += torch.where(offset < length[run] - gap, 0, middle)
+    earlier = (offset - gap + 1).clamp(min=0)
+    later = (length[run] - gap - offset).clamp(min=0)
+    choice = draw_below(earlier + later, generator)
+    partner = torch.where(choice < earlier, choice, offset + gap + choice - earlier)
+    return episodes.start[run].unsqueeze(-1) + torch.stack([offset, partner], dim=-1)
+
+
+def _draw_across(
+    episodes: Episodes, num: int, generator: torch.Generator | None
+) -> Tensor:
+    """Places ``[num, 2]`` of frames of two different episodes."""
+    total = len(episodes.order)
+    anchor = draw_below(torch.full((num,), total), generator)
+    run = episodes.run_of(anchor)
+    other = draw_below(total - episodes.group_length[run], generator)
+    behind = other >= episodes.group_start[run]
+    other = other + torch.where(behind, episodes.group_length[run], 0)
+    return torch.stack([anchor, other], dim=-1)
+
+
+def _some(pair: Tensor, limit: int | None, generator: torch.Generator | None) -> Tensor:
+    """At most ``limit`` rows, drawn without replacement."""
+    if limit is None or len(pair) <= limit:
+        return pair
+    return pair[torch.randperm(len(pair), generator=generator)[:limit]]

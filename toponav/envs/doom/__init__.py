@@ -1,0 +1,1 @@
+"""The ViZDoom engine: art, WAD compiler, scripts, process handling."""

@@ -1,0 +1,91 @@
+"""Scripted policies, metrics and figures: functions of tensordicts and arrays."""
+
+from toponav.evaluation.calibration import (
+    Calibration,
+    calibrate_reach,
+    calibrate_reward_threshold,
+    calibrate_tc_threshold,
+)
+from toponav.evaluation.classification import (
+    Binned,
+    balanced_accuracy,
+    expected_calibration_error,
+    roc_auc,
+    roc_curve,
+)
+from toponav.evaluation.contact_sheet import contact_sheet, spread_out
+from toponav.evaluation.curves import draw_curves
+from toponav.evaluation.experts import FrontierExpert, PathFollower
+from toponav.evaluation.l_report import LReport, bayes_bound, l_report, useful_actions
+from toponav.evaluation.pair_truth import MazeMetric, PairTruth, pair_truth
+from toponav.evaluation.plan import draw_agent, draw_plan, draw_trajectory
+from toponav.evaluation.pose_bound import pose_bound, pose_features
+from toponav.evaluation.random_walks import RandomPolicy, StickyPolicy
+from toponav.evaluation.report_figure import ShareCurve, draw_report
+from toponav.evaluation.routes import UNREACHABLE, Routes
+from toponav.evaluation.steering import Action, Motion
+from toponav.evaluation.tc_report import (
+    TCReport,
+    pair_candidates,
+    place_error,
+    tc_report,
+)
+from toponav.evaluation.video import PlanRenderer, side_by_side, write_video
+from toponav.evaluation.waypoint_share import (
+    Waypoints,
+    prepare_walks,
+    share_curve,
+    similarity_matrix,
+    waypoint_mask,
+    waypoint_share,
+)
+
+__all__ = [
+    "UNREACHABLE",
+    "Action",
+    "Binned",
+    "Calibration",
+    "FrontierExpert",
+    "LReport",
+    "MazeMetric",
+    "Motion",
+    "PairTruth",
+    "PathFollower",
+    "PlanRenderer",
+    "RandomPolicy",
+    "Routes",
+    "ShareCurve",
+    "StickyPolicy",
+    "TCReport",
+    "Waypoints",
+    "balanced_accuracy",
+    "bayes_bound",
+    "calibrate_reach",
+    "calibrate_reward_threshold",
+    "calibrate_tc_threshold",
+    "contact_sheet",
+    "draw_agent",
+    "draw_curves",
+    "draw_plan",
+    "draw_report",
+    "draw_trajectory",
+    "expected_calibration_error",
+    "l_report",
+    "pair_candidates",
+    "pair_truth",
+    "place_error",
+    "pose_bound",
+    "pose_features",
+    "prepare_walks",
+    "roc_auc",
+    "roc_curve",
+    "share_curve",
+    "side_by_side",
+    "similarity_matrix",
+    "spread_out",
+    "tc_report",
+    "useful_actions",
+    "waypoint_mask",
+    "waypoint_share",
+    "write_video",
+]

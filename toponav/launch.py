@@ -1,0 +1,169 @@
+"""From a command line to a recipe's settings, with errors of one sentence."""
+
+import dataclasses
+import inspect
+import logging
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from pathlib import Path
+from types import FrameType
+from typing import Any, TypeVar, get_type_hints
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from toponav.config import RECIPES, SettingsError, TrainingError, register
+from toponav.envs import EngineError
+
+Settings = TypeVar("Settings")
+
+_FAILED = 1
+_USAGE_ERROR = 2
+
+
+def recipe(
+    name: str,
+) -> Callable[[Callable[[Settings, Path], None]], Callable[[], None]]:
+    """Make a function of (settings, run folder) the main function of a script.
+
+    Hydra composes ``conf/<name>.yaml`` and the command line, makes the run folder
+    and starts sweeps (``-m``). A bad setting is one sentence on standard error and
+    exit status 2, before the function is called. SIGTERM ends the run like
+    ``sys.exit``, so that ``finally`` blocks do their work. ``resume=<run folder>``
+    goes on in that folder with its settings; what the command line says beside it
+    comes on top.
+
+    Args:
+        name: the recipe, a key of ``RECIPES``.
+    """
+
+    def decorate(function: Callable[[Settings, Path], None]) -> Callable[[], None]:
+        conf = Path(inspect.getfile(function)).resolve().parent.parent / "conf"
+
+        def run(cfg: DictConfig) -> None:
+            with _one_sentence(name):
+                settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+                function(settings, Path(HydraConfig.get().runtime.output_dir))
+
+        def main() -> None:
+            register()
+            signal.signal(signal.SIGTERM, _exit)
+            # TorchRL tells of every buffer it makes, on standard output.
+            logging.getLogger("torchrl").setLevel(logging.WARNING)
+            # Hydra then raises instead of printing, and the sentence is ours.
+            os.environ["HYDRA_FULL_ERROR"] = "1"
+            start = hydra.main(
+                version_base="1.3", config_path=str(conf), config_name=name
+            )(run)
+            with _one_sentence(name):
+                sys.argv[1:] = resumed_arguments(sys.argv[1:])
+                start()
+
+        return main
+
+    return decorate
+
+
+def resumed_arguments(arguments: list[str]) -> list[str]:
+    """The command line of the run to go on with, and its folder to write into.
+
+    Args:
+        arguments: a command line; without ``resume=`` it comes back as it is.
+
+    Raises:
+        SettingsError: if ``resume`` names no run folder.
+
+    Examples:
+        >>> resumed_arguments(["maze=maze1"])
+        ['maze=maze1']
+        >>> resumed_arguments(["resume=runs"])
+        Traceback (most recent call last):
+        toponav.config.SettingsError: resume must name the folder of a run, got 'runs'
+    """
+    given = [word for word in arguments if word.startswith("resume=")]
+    folder = given[-1].partition("=")[2].strip("'\"") if given else ""
+    if folder in ("", "null"):
+        return arguments
+    overrides = Path(folder) / "config" / "overrides.yaml"
+    if not overrides.is_file():
+        raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
+    first = [str(word) for word in OmegaConf.to_object(OmegaConf.load(overrides))]  # type: ignore[union-attr]
+    kept = [word for word in first if not word.startswith("resume=")]
+    # In quotes: a sweep's folder has equals signs and commas in its name.
+    quoted = str(folder).replace("'", "\\'")
+    others = [word for word in arguments if not word.startswith("resume=")]
+    return [*kept, *others, f"resume='{quoted}'", f"hydra.run.dir='{quoted}'"]
+
+
+@contextmanager
+def _one_sentence(name: str) -> Iterator[None]:
+    """Say what is wrong with the settings or the engine, and end the process."""
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException, SettingsError) as error:
+        print(f"{name}: {_sentence(error, name)}", file=sys.stderr)  # noqa: T201
+        sys.exit(_USAGE_ERROR)
+    except (EngineError, TrainingError) as error:
+        print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(_FAILED)
+
+
+def _exit(number: int, _frame: FrameType | None) -> None:
+    sys.exit(128 + number)
+
+
+def _sentence(error: Exception, name: str) -> str:
+    """What must hold, what was given and the nearest valid choice."""
+    if isinstance(error, SettingsError):
+        return str(error)
+    text = "\n".join(_messages(error))
+    if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
+        group, given = found.groups()
+        options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
+        choices = [option for option in options if option not in ("base", "schema")]
+        return (
+            f"{group} must be one of {', '.join(choices)}, got '{given}'"
+            f"{_hint(given, choices)}"
+        )
+    if found := re.search(r"full_key: (\S+)", text):
+        key = found.group(1)
+        known = list(_keys(RECIPES[name]))
+        if key not in known:
+            return f"'{key}' must be a setting of {name}, got none of that name" + (
+                _hint(key, known)
+            )
+        if "is not a ListConfig" in text:
+            return f"{key} must be a list such as [a,b], got something else"
+        return f"{key}: {text.splitlines()[0].strip()}"
+    return next(line.strip() for line in text.splitlines() if line.strip())
+
+
+def _messages(error: BaseException | None) -> Iterator[str]:
+    """The innermost message first: Hydra wraps what OmegaConf says."""
+    if error is None:
+        return
+    yield from _messages(error.__cause__)
+    yield str(error)
+
+
+def _hint(given: str, choices: list[str]) -> str:
+    near = get_close_matches(given, choices, n=1, cutoff=0.0)
+    return f" (did you mean '{near[0]}'?)" if near else ""
+
+
+def _keys(schema: type, prefix: str = "") -> Iterator[str]:
+    """Dotted names of all settings of a schema."""
+    hints: dict[str, Any] = get_type_hints(schema)
+    for field in dataclasses.fields(schema):
+        kind = hints[field.name]
+        yield prefix + field.name
+        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            yield from _keys(kind, f"{prefix}{field.name}.")
