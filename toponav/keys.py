@@ -76,3 +76,55 @@ TRAJECTORY: NestedKey = ("collector", "traj_ids")
 LOGIT: NestedKey = "logit"
 #: float32 [6]; L-network's logits of the actions. Network -> LLoss, navigator.
 LOGITS: NestedKey = "logits"
+
+# --- exploration: novelty (transforms/waypoint_memory.py and rewards) -------
+#: int64 [1]; index of the waypoint that the view is mapped to; a view that becomes
+#: a waypoint is mapped to itself; -1 for a view that is mapped to none.
+#: WaypointMemory -> figures.
+WAYPOINT: NestedKey = "waypoint"
+#: float32 [1]; similarity of the view to its nearest waypoint before the view was
+#: added, in [0, 1]. WaypointMemory -> TemporalDistanceReward.
+SIMILARITY: NestedKey = "similarity"
+#: bool [1]; the view is like no waypoint. WaypointMemory -> both rewards.
+NOVEL: NestedKey = "novel"
+#: bool [1]; the view became a waypoint in this decision. WaypointMemory -> figures.
+BORN: NestedKey = "born"
+#: int64 [1]; visits of the waypoint that the view is mapped to, this one included;
+#: 0 for a view that is mapped to none. WaypointMemory -> CountReward.
+VISITS: NestedKey = "visits"
+#: int64 [1]; waypoints of this episode so far. WaypointMemory -> figures.
+NUM_WAYPOINTS: NestedKey = "num_waypoints"
+#: float32 [1]; alpha / sqrt(visits), eq. 6. CountReward -> IntrinsicReward.
+COUNT_REWARD: NestedKey = "count_reward"
+#: float32 [1]; beta / similarity, eq. 7. TemporalDistanceReward -> IntrinsicReward.
+TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
+#: float32 [1]; what the explorer learns from, eq. 8. IntrinsicReward -> losses.
+INTRINSIC_REWARD: NestedKey = "intrinsic_reward"
+#: bool [1]; a birth with an old waypoint near it that looks the same way.
+#: WaypointTruth -> diagnostics.
+FALSE_BIRTH: NestedKey = (PRIVILEGED, "false_birth")
+
+# --- exploration: the policy ------------------------------------------------
+#: uint8 [84, 84, 3]; the policy's copy of the view. PolicyPixels -> ActorCritic.
+POLICY_PIXELS: NestedKey = "policy_pixels"
+#: int64 [1]; the action before, 6 (none of the six) at an episode's start.
+#: PreviousAction -> ActorCritic.
+PREVIOUS_ACTION: NestedKey = "previous_action"
+#: float32 [1]; the intrinsic reward of the decision before, clipped, 0 at an
+#: episode's start. PreviousReward -> ActorCritic.
+PREVIOUS_REWARD: NestedKey = "previous_reward"
+#: float32 [256]; hidden and cell state of the LSTM. ActorCritic -> itself.
+HIDDEN: NestedKey = ("recurrent_state", "hidden")
+MEMORY_CELL: NestedKey = ("recurrent_state", "memory_cell")
+#: bool [1]; the first decision of an episode. TorchRL's InitTracker -> ActorCritic.
+IS_INIT: NestedKey = "is_init"
+#: float32 []; log-probability of the action taken. ActorCritic -> losses.
+ACTION_LOG_PROB: NestedKey = "action_log_prob"
+#: float32 [1]; the critic's estimate. ActorCritic -> losses.
+STATE_VALUE: NestedKey = "state_value"
+#: int64 [1]; number of the environment over all workers. Env factory -> learner.
+ENV_ID: NestedKey = "env_id"
+#: int64 [1]; versions of the policy's and of the networks' weights that made this
+#: decision. Mailbox collector -> learner.
+POLICY_VERSION: NestedKey = ("version", "policy")
+NETWORKS_VERSION: NestedKey = ("version", "networks")

@@ -276,8 +276,10 @@ class TestClosing:
 
 
 def test_the_view_is_a_picture_of_the_maze(make: Make) -> None:
-    env = make(load_maze("maze1"), batch_size=4)
+    env = make(load_maze("maze1"), batch_size=4, seed=0)
     pixels = env.reset()["pixels"].numpy()
     for view in pixels:
-        assert len(np.unique(view.reshape(-1, 3), axis=0)) > 10
+        # A view close before a bare wall has as few as five colours.
+        assert len(np.unique(view.reshape(-1, 3), axis=0)) >= 5
         assert view.std() > 10
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 20
