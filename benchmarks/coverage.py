@@ -19,7 +19,7 @@ from torchrl.envs import InitTracker, TransformedEnv
 from tqdm import tqdm
 
 from toponav.envs import MAZES, DoomMazeEnv, load_maze
-from toponav.evaluation import FrontierExpert, RandomPolicy, StickyPolicy
+from toponav.evaluation import FrontierExpert, RandomPolicy, StickyPolicy, bootstrap
 from toponav.keys import COVERAGE, DECISIONS_TO_COVERAGE
 from toponav.transforms import Coverage
 
@@ -47,14 +47,6 @@ def episodes(
     finally:
         env.close()
     return np.concatenate(covered)[:count], np.concatenate(decisions)[:count]
-
-
-def interval(values: np.ndarray) -> tuple[float, float, float]:
-    """Mean and its 95 % bootstrap interval."""
-    generator = np.random.default_rng(0)
-    draws = generator.choice(values, (10_000, len(values))).mean(1)
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return float(values.mean()), float(low), float(high)
 
 
 def main() -> None:
@@ -88,10 +80,11 @@ def main() -> None:
             [maze, "frontier expert", "coverage after 600 decisions, %", covered]
         )
         rows.append([maze, "frontier expert", "decisions to 100 %", decisions])
-    table = [
-        [maze, policy, what, len(values), *(round(x, 1) for x in interval(values))]
-        for maze, policy, what, values in rows
-    ]
+    table = []
+    for maze, policy, what, values in rows:
+        found = bootstrap(values)
+        ends = [round(x, 1) for x in (found.value, found.low, found.high)]
+        table.append([maze, policy, what, len(values), *ends])
     header = ["maze", "policy", "what", "episodes", "mean", "ci_low", "ci_high"]
     for row in [header, *table]:
         print("{:8} {:16} {:34} {:>8} {:>7} {:>7} {:>7}".format(*map(str, row)))

@@ -23,6 +23,14 @@ from toponav.evaluation.pose_bound import pose_bound, pose_features
 from toponav.evaluation.random_walks import RandomPolicy, StickyPolicy
 from toponav.evaluation.report_figure import ShareCurve, draw_report
 from toponav.evaluation.routes import UNREACHABLE, Routes
+from toponav.evaluation.statistics import (
+    Estimate,
+    bootstrap,
+    interquartile_mean,
+    mean,
+    running_mean,
+    top_mean,
+)
 from toponav.evaluation.steering import Action, Motion
 from toponav.evaluation.tc_report import (
     TCReport,
@@ -45,6 +53,7 @@ __all__ = [
     "Action",
     "Binned",
     "Calibration",
+    "Estimate",
     "FrontierExpert",
     "LReport",
     "MazeMetric",
@@ -60,6 +69,7 @@ __all__ = [
     "Waypoints",
     "balanced_accuracy",
     "bayes_bound",
+    "bootstrap",
     "calibrate_reach",
     "calibrate_reward_threshold",
     "calibrate_tc_threshold",
@@ -70,7 +80,9 @@ __all__ = [
     "draw_report",
     "draw_trajectory",
     "expected_calibration_error",
+    "interquartile_mean",
     "l_report",
+    "mean",
     "pair_candidates",
     "pair_truth",
     "place_error",
@@ -79,11 +91,13 @@ __all__ = [
     "prepare_walks",
     "roc_auc",
     "roc_curve",
+    "running_mean",
     "share_curve",
     "side_by_side",
     "similarity_matrix",
     "spread_out",
     "tc_report",
+    "top_mean",
     "useful_actions",
     "waypoint_mask",
     "waypoint_share",
