@@ -30,7 +30,7 @@ _USAGE_ERROR = 2
 
 
 def recipe(
-    name: str,
+    name: str, *, first: str | None = None
 ) -> Callable[[Callable[[Settings, Path], None]], Callable[[], None]]:
     """Make a function of (settings, run folder) the main function of a script.
 
@@ -43,6 +43,7 @@ def recipe(
 
     Args:
         name: the recipe, a key of ``RECIPES``.
+        first: a setting that holds a folder, which may be given without its name.
     """
 
     def decorate(function: Callable[[Settings, Path], None]) -> Callable[[], None]:
@@ -64,7 +65,10 @@ def recipe(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)
             with _one_sentence(name):
-                sys.argv[1:] = resumed_arguments(sys.argv[1:])
+                arguments = sys.argv[1:]
+                if first:
+                    arguments = named_folder(arguments, first)
+                sys.argv[1:] = resumed_arguments(arguments)
                 start()
 
         return main
@@ -86,7 +90,7 @@ def resumed_arguments(arguments: list[str]) -> list[str]:
         ['maze=maze1']
         >>> resumed_arguments(["resume=runs"])
         Traceback (most recent call last):
-        toponav.config.SettingsError: resume must name the folder of a run, got 'runs'
+        toponav.config.checks.SettingsError: resume must name the folder of a run, got 'runs'
     """
     given = [word for word in arguments if word.startswith("resume=")]
     folder = given[-1].partition("=")[2].strip("'\"") if given else ""
@@ -98,9 +102,40 @@ def resumed_arguments(arguments: list[str]) -> list[str]:
     first = [str(word) for word in OmegaConf.to_object(OmegaConf.load(overrides))]  # type: ignore[union-attr]
     kept = [word for word in first if not word.startswith("resume=")]
     # In quotes: a sweep's folder has equals signs and commas in its name.
-    quoted = str(folder).replace("'", "\\'")
+    quoted = _quoted(folder)
     others = [word for word in arguments if not word.startswith("resume=")]
-    return [*kept, *others, f"resume='{quoted}'", f"hydra.run.dir='{quoted}'"]
+    return [*kept, *others, f"resume={quoted}", f"hydra.run.dir={quoted}"]
+
+
+def named_folder(arguments: list[str], name: str) -> list[str]:
+    """The command line with the name of a setting before the folder that stands alone.
+
+    Args:
+        arguments: a command line. What is an existing folder, or has neither a ``=``
+            nor a leading dash, is taken for the folder.
+        name: of the setting.
+
+    Returns:
+        The command line with the folder in quotes: a sweep's folders have equals signs
+        and commas in their names.
+
+    Examples:
+        >>> named_folder(["multirun/explore"], "folder")
+        ["folder='multirun/explore'"]
+        >>> named_folder(["folder=runs/a=1,b=2"], "folder")
+        ["folder='runs/a=1,b=2'"]
+    """
+    found = []
+    for word in arguments:
+        given = word.removeprefix(f"{name}=")
+        alone = Path(word).is_dir() or not ("=" in word or word.startswith("-"))
+        found.append(f"{name}={_quoted(given)}" if given != word or alone else word)
+    return found
+
+
+def _quoted(folder: str) -> str:
+    bare = folder.strip("'\"")
+    return "'" + bare.replace("'", "\\'") + "'"
 
 
 @contextmanager

@@ -1,99 +1,11 @@
-"""The schema of every setting: one dataclass per ``conf/`` group and per recipe.
+"""The schema of ``recipes/pretrain.py`` and of the networks (``conf/model``)."""
 
-Values live in ``conf/``, and so does what each key means, as a comment above it;
-types and ranges live here. Fields are ``MISSING`` so that a value that no YAML
-gives is an error and not a hidden default.
-"""
+from dataclasses import dataclass
 
-from dataclasses import dataclass, field
-
-from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING
 
-
-class SettingsError(ValueError):
-    """A setting is out of range or does not fit another one."""
-
-
-class TrainingError(RuntimeError):
-    """Training cannot go on, such as after a loss that is not a number."""
-
-
-def require(holds: bool, rule: str, given: object) -> None:
-    """Refuse a setting in one sentence.
-
-    Raises:
-        SettingsError: unless ``holds``; "``rule``, got ``given``".
-    """
-    if not holds:
-        raise SettingsError(f"{rule}, got {given}")
-
-
-def require_at_least(name: str, value: float, least: float) -> None:
-    """`require` that a number is not too small."""
-    require(value >= least, f"{name} must be at least {least}", value)
-
-
-def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """`require` that a word is one of several."""
-    require(value in choices, f"{name} must be one of {', '.join(choices)}", value)
-
-
-@dataclass
-class MazeConfig:
-    """A maze and what its episodes hold (``conf/maze``)."""
-
-    name: str = MISSING
-    path: str | None = MISSING
-    rows: int = MISSING
-    cols: int = MISSING
-    seed: int = MISSING
-    loops: float = MISSING
-    apples: int = MISSING
-    goal: bool = MISSING
-    blocked: list[str] = field(default_factory=list)
-    episode_length: int = MISSING
-    texture_seed: int = MISSING
-    paintings: float = MISSING
-
-    def __post_init__(self) -> None:
-        require(self.rows >= 1, "maze.rows must be at least 1", self.rows)
-        require(self.cols >= 1, "maze.cols must be at least 1", self.cols)
-        require(0 <= self.loops <= 1, "maze.loops must lie in [0, 1]", self.loops)
-        require(self.apples >= 0, "maze.apples must be at least 0", self.apples)
-        require(
-            self.episode_length >= 1,
-            "maze.episode_length must be at least 1 decision",
-            self.episode_length,
-        )
-        require(
-            0 <= self.paintings <= 1,
-            "maze.paintings must lie in [0, 1]",
-            self.paintings,
-        )
-        require(
-            self.name != "file" or bool(self.path),
-            "maze.path must name a layout file when maze=file",
-            self.path,
-        )
-
-
-@dataclass
-class TourConfig:
-    """Settings of ``recipes/tour.py``."""
-
-    maze: MazeConfig = MISSING
-    seed: int = MISSING
-    decisions: int = MISSING
-    views: int = MISSING
-    video: str = MISSING
-    height: int = MISSING
-
-    def __post_init__(self) -> None:
-        require(self.video in ("mp4", "gif"), "video must be mp4 or gif", self.video)
-        require(self.height >= 64, "height must be at least 64 pixels", self.height)
-        require(self.decisions >= 1, "decisions must be at least 1", self.decisions)
-        require(1 <= self.views <= 12, "views must lie in [1, 12]", self.views)
+from toponav.config.checks import require, require_at_least, require_choice
+from toponav.config.maze import MazeConfig
 
 
 @dataclass
@@ -283,16 +195,3 @@ class PretrainConfig:
         side = 2 if self.halve else 1
         frame = (120 // side) * (160 // side) * 3
         return max(int(self.collect.buffer_gb * 1e9) // frame, self.collect.batch)
-
-
-#: Recipe name -> schema of its settings.
-RECIPES: dict[str, type] = {"pretrain": PretrainConfig, "tour": TourConfig}
-
-
-def register() -> None:
-    """Put the schema into Hydra's store, where the YAML files find it."""
-    store = ConfigStore.instance()
-    store.store(group="maze", name="schema", node=MazeConfig)
-    store.store(group="model", name="schema", node=ModelConfig)
-    for name, schema in RECIPES.items():
-        store.store(name=f"{name}_schema", node=schema)

@@ -1,0 +1,13 @@
+"""Collection in other processes: weights by mailbox, staggered episodes."""
+
+from toponav.collectors.mailbox import Mailbox, MailboxError
+from toponav.collectors.mailbox_collector import MailboxCollector, Subscription
+from toponav.collectors.staggered_episodes import StaggeredEpisodes
+
+__all__ = [
+    "Mailbox",
+    "MailboxCollector",
+    "MailboxError",
+    "StaggeredEpisodes",
+    "Subscription",
+]

@@ -1,0 +1,76 @@
+"""`StaggeredEpisodes`: environments of a batch that do not end all together."""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs.transforms import Transform
+
+from toponav.keys import DONE, TRUNCATED
+
+
+class StaggeredEpisodes(Transform):
+    """Cuts the first episode of each environment short, each at another length.
+
+    Environments that start together and have episodes of one length end together: a
+    learner then sees nothing but beginnings for a while, then nothing but ends. Here
+    row ``e`` of ``E`` is truncated after ``length * (e + 1) / E`` decisions the first
+    time, rounded up; every later episode is as long as the environment makes it.
+
+    Args:
+        length: decisions of a whole episode.
+
+    Raises:
+        ValueError: if ``length`` is less than 1.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> stagger = StaggeredEpisodes(4)
+        >>> start = TensorDict({"done": torch.zeros(2, 1, dtype=torch.bool)}, [2])
+        >>> _ = stagger._reset(TensorDict(batch_size=[2]), start)
+        >>> def step():
+        ...     flag = torch.zeros(2, 1, dtype=torch.bool)
+        ...     now = TensorDict({"done": flag, "truncated": flag.clone()}, [2])
+        ...     return stagger._step(start, now)["truncated"].flatten().tolist()
+        >>> step(), step()
+        ([False, False], [True, False])
+
+    Shape notation:
+        E: environments of the batch.
+    """
+
+    #: int64 [E]; decisions until the cut, 0 once an environment has had its own.
+    left: Tensor
+
+    def __init__(self, length: int) -> None:
+        if length < 1:
+            raise ValueError(f"length must be at least 1, got {length}")
+        super().__init__()
+        self.length = length
+        # Episodes restart with a run, so their clocks are no part of its state.
+        empty = torch.empty(0, dtype=torch.int64)
+        self.register_buffer("left", empty, persistent=False)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        shape = tensordict_reset.batch_size
+        if self.left.numel() != shape.numel() or self.left.shape != shape:
+            num = max(shape.numel(), 1)
+            row = torch.arange(1, num + 1, device=tensordict_reset.get(DONE).device)
+            self.left = (row * self.length).add(num - 1).div(num, rounding_mode="floor")
+            self.left = self.left.reshape(shape)
+            return tensordict_reset
+        rows = tensordict.get("_reset", None)
+        if rows is not None:
+            # A first episode that ended by itself needs no cut any more.
+            self.left = self.left * ~rows.reshape(shape)
+        return tensordict_reset
+
+    def _step(
+        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
+    ) -> TensorDictBase:
+        cut = (self.left == 1).unsqueeze(-1)
+        self.left = (self.left - 1).clamp(min=0)
+        for key in (DONE, TRUNCATED):
+            next_tensordict.set(key, next_tensordict.get(key) | cut)
+        return next_tensordict
