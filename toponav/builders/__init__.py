@@ -21,7 +21,10 @@ from toponav.builders.report import calibrate, embed_sequences, summarize, write
 from toponav.builders.run_files import (
     make_loggers,
     write_measurements,
+    write_text,
 )
+from toponav.builders.run_folders import find_runs
+from toponav.builders.sweep_report import report_exploration, report_pretraining
 from toponav.builders.training import (
     decisions_due,
     learning_rate,
@@ -44,6 +47,7 @@ __all__ = [
     "decisions_due",
     "embed_sequences",
     "embed_views",
+    "find_runs",
     "learning_rate",
     "load_networks",
     "make_autocast",
@@ -57,6 +61,8 @@ __all__ = [
     "make_networks",
     "make_optimizer",
     "make_pair_source",
+    "report_exploration",
+    "report_pretraining",
     "require_finite",
     "restore_training",
     "save_networks",
@@ -66,4 +72,5 @@ __all__ = [
     "summarize",
     "write_measurements",
     "write_reports",
+    "write_text",
 ]

@@ -48,6 +48,9 @@ _PLACE_QUERIES, _PLACE_MEMORY = 400, 3600
 # Pairs of poses that train the bound.
 _BOUND_PAIRS = 20_000
 _REPORT_PAIRS = 6000
+# Thresholds at which networks are compared: the calibrated one gives all of them the
+# same share of waypoints.
+_SHARES_AT = (0.5, 0.9)
 
 
 def embed_sequences(
@@ -130,6 +133,7 @@ def write_reports(
         thresholds,
         share_curve(walks, networks.tc, thresholds.tolist()),
     )
+    shares = share_curve(walks, networks.tc, _SHARES_AT).mean(0).tolist()
     figures: dict[str, dict[str, float]] = {}
     for number, (maze, held_out) in enumerate(
         zip(mazes, validation.held_out, strict=True)
@@ -152,6 +156,7 @@ def write_reports(
     bound = bayes_bound(config.pairs.locomotion_k).tolist()
     content = {
         "mazes": figures,
+        "waypoint_share": dict(zip(map(str, _SHARES_AT), shares, strict=True)),
         "thresholds": {name: asdict(one) for name, one in marks.items()},
         "l_bayes_bound": bound,
     }
