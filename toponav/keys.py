@@ -100,6 +100,9 @@ COUNT_REWARD: NestedKey = "count_reward"
 TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
 #: float32 [1]; what the explorer learns from, eq. 8. IntrinsicReward -> losses.
 INTRINSIC_REWARD: NestedKey = "intrinsic_reward"
+#: float32 [1]; the reward over the deviation of its discounted return. ReturnScale ->
+#: losses.
+SCALED_REWARD: NestedKey = "scaled_reward"
 #: bool [1]; a birth with an old waypoint near it that looks the same way.
 #: WaypointTruth -> diagnostics.
 FALSE_BIRTH: NestedKey = (PRIVILEGED, "false_birth")

@@ -1,0 +1,103 @@
+"""`SharedRMSProp`: the optimiser of asynchronous actor-critics."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+
+class SharedRMSProp(torch.optim.Optimizer):
+    """Non-centred RMSProp with the constant inside the root, ready to be shared.
+
+    ``g <- decay g + (1 - decay) grad^2`` and ``theta <- theta - lr grad / sqrt(g +
+    eps)``. ``torch.optim.RMSprop`` adds its constant outside the root; with 0.1 the two
+    differ by a factor of up to three. The mean squares ``g`` exist from the start, so
+    that `share_memory` can move them to where the optimisers of other processes see
+    them; `load_state_dict` writes into them and keeps them shared.
+
+    Reference:
+        The paper, eqs. 3 and 4; Mnih et al., "Asynchronous Methods for Deep
+        Reinforcement Learning" (2016), which shares ``g`` among the workers.
+
+    Args:
+        params: parameters, or groups of them.
+        lr: learning rate.
+        decay: how much of ``g`` remains after an update.
+        eps: the constant inside the root.
+
+    Raises:
+        ValueError: if ``lr`` is negative, ``decay`` outside [0, 1), or ``eps`` not
+            above 0.
+
+    Examples:
+        >>> weight = torch.nn.Parameter(torch.tensor([1.0]))
+        >>> optimizer = SharedRMSProp([weight], lr=0.1, decay=0.99, eps=0.01)
+        >>> (2 * weight).sum().backward()
+        >>> optimizer.step()  # 1 - 0.1 * 2 / sqrt(0.01 * 2**2 + 0.01)
+        >>> weight
+        Parameter containing:
+        tensor([0.1056], requires_grad=True)
+    """
+
+    def __init__(
+        self,
+        params: Iterable[Tensor] | Iterable[dict[str, Any]],
+        lr: float = 7e-4,
+        *,
+        decay: float = 0.99,
+        eps: float = 0.1,
+    ) -> None:
+        if lr < 0:
+            raise ValueError(f"lr must not be negative, got {lr}.")
+        if not 0 <= decay < 1:
+            raise ValueError(f"decay must be at least 0 and below 1, got {decay}.")
+        if eps <= 0:
+            raise ValueError(f"eps must be above 0, got {eps}.")
+        super().__init__(params, {"lr": lr, "decay": decay, "eps": eps})
+        for group in self.param_groups:
+            for parameter in group["params"]:
+                self.state[parameter]["mean_square"] = torch.zeros_like(
+                    parameter, memory_format=torch.preserve_format
+                )
+
+    def share_memory(self) -> "SharedRMSProp":
+        """Move the mean squares to shared memory; do so before processes start."""
+        for state in self.state.values():
+            state["mean_square"].share_memory_()
+        return self
+
+    @torch.no_grad()
+    def step(  # type: ignore[override]
+        self, closure: Callable[[], float] | None = None
+    ) -> float | None:
+        """Update the parameters that have a gradient.
+
+        Args:
+            closure: computes the loss and its gradients again, and returns the loss.
+        """
+        loss = None
+        if closure is not None:
+            with torch.enable_grad():
+                loss = closure()
+        for group in self.param_groups:
+            params = [p for p in group["params"] if p.grad is not None]
+            if not params:
+                continue
+            grads = [p.grad for p in params]
+            squares = [self.state[p]["mean_square"] for p in params]
+            torch._foreach_mul_(squares, group["decay"])
+            torch._foreach_addcmul_(squares, grads, grads, 1 - group["decay"])
+            roots = torch._foreach_add(squares, group["eps"])
+            torch._foreach_sqrt_(roots)
+            torch._foreach_addcdiv_(params, grads, roots, -group["lr"])
+        return loss
+
+    @torch.no_grad()
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Load a `state_dict` into the existing, perhaps shared, mean squares."""
+        own = {p: state["mean_square"] for p, state in self.state.items()}
+        super().load_state_dict(state_dict)
+        for parameter, mean_square in own.items():
+            mean_square.copy_(self.state[parameter]["mean_square"])
+            self.state[parameter]["mean_square"] = mean_square
