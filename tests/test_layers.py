@@ -1,8 +1,8 @@
 """Who may import whom: rooms meet in tensordict keys, not in imports.
 
 Floor 0 (``keys``, ``config``) imports nothing of ours but itself, a room on floor 1
-only floor 0 and itself, floor 2 (``builders``, ``launch``) everything below. Nobody imports a
-recipe.
+only floor 0 and itself, floor 2 (``builders``, ``launch``) everything below. Nobody
+imports a recipe.
 """
 
 import ast

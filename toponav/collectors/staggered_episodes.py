@@ -14,7 +14,8 @@ class StaggeredEpisodes(Transform):
     Environments that start together and have episodes of one length end together: a
     learner then sees nothing but beginnings for a while, then nothing but ends. Here
     row ``e`` of ``E`` is truncated after ``length * (e + 1) / E`` decisions the first
-    time, rounded up; every later episode is as long as the environment makes it.
+    time, rounded up; every later episode is as long as the environment makes it. A
+    reset of all rows together begins anew.
 
     Args:
         length: decisions of a whole episode.
@@ -54,14 +55,13 @@ class StaggeredEpisodes(Transform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         shape = tensordict_reset.batch_size
-        if self.left.numel() != shape.numel() or self.left.shape != shape:
+        rows = tensordict.get("_reset", None)
+        if rows is None or self.left.shape != shape:
             num = max(shape.numel(), 1)
             row = torch.arange(1, num + 1, device=tensordict_reset.get(DONE).device)
             self.left = (row * self.length).add(num - 1).div(num, rounding_mode="floor")
             self.left = self.left.reshape(shape)
-            return tensordict_reset
-        rows = tensordict.get("_reset", None)
-        if rows is not None:
+        else:
             # A first episode that ended by itself needs no cut any more.
             self.left = self.left * ~rows.reshape(shape)
         return tensordict_reset

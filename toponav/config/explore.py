@@ -67,7 +67,7 @@ class RewardConfig:
 
     @property
     def weights(self) -> tuple[float, float]:
-        """alpha and beta; a beta that is not given is 1 - alpha."""
+        """Alpha and beta; a beta that is not given is 1 - alpha."""
         return self.alpha, 1 - self.alpha if self.beta is None else self.beta
 
 
