@@ -85,18 +85,21 @@ WAYPOINT: NestedKey = "waypoint"
 #: float32 [1]; similarity of the view to its nearest waypoint before the view was
 #: added, in [0, 1]. WaypointMemory -> TemporalDistanceReward.
 SIMILARITY: NestedKey = "similarity"
-#: bool [1]; the view is like no waypoint. WaypointMemory -> both rewards.
+#: bool [1]; the view is like no waypoint, whether or not it becomes one.
+#: WaypointMemory -> figures.
 NOVEL: NestedKey = "novel"
-#: bool [1]; the view became a waypoint in this decision. WaypointMemory -> figures.
+#: bool [1]; the view became a waypoint in this decision. WaypointMemory -> rewards.
 BORN: NestedKey = "born"
 #: int64 [1]; visits of the waypoint that the view is mapped to, this one included;
-#: 0 for a view that is mapped to none. WaypointMemory -> CountReward.
+#: 0 if the decision is no visit. WaypointMemory -> CountReward.
 VISITS: NestedKey = "visits"
-#: int64 [1]; waypoints of this episode so far. WaypointMemory -> figures.
+#: int64 [1]; waypoints in this episode's memory. WaypointMemory -> figures.
 NUM_WAYPOINTS: NestedKey = "num_waypoints"
-#: float32 [1]; alpha / sqrt(visits), eq. 6. CountReward -> IntrinsicReward.
+#: float32 [1]; alpha / sqrt(visits), eq. 6; 0 in a birth. CountReward ->
+#: IntrinsicReward.
 COUNT_REWARD: NestedKey = "count_reward"
-#: float32 [1]; beta / similarity, eq. 7. TemporalDistanceReward -> IntrinsicReward.
+#: float32 [1]; beta / similarity in a birth, else 0, eq. 7. TemporalDistanceReward
+#: -> IntrinsicReward.
 TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
 #: float32 [1]; what the explorer learns from, eq. 8. IntrinsicReward -> losses.
 INTRINSIC_REWARD: NestedKey = "intrinsic_reward"

@@ -2,6 +2,7 @@
 
 - :func:`reset_rows`: the mask of the rows that a reset touches.
 - :func:`match_buffers`: gives buffers the shape of the ones about to be loaded.
+- :func:`grow_slots`: more room per env.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,3 +66,32 @@ def match_buffers(
         stored = state_dict.get(prefix + name)
         if isinstance(stored, Tensor) and stored.shape != buffer.shape:
             setattr(module, name, buffer.new_empty(stored.shape))
+
+
+def grow_slots(buffer: Tensor, num_slots: int, capacity: int | None = None) -> Tensor:
+    """Return ``buffer`` with room for more per env, at least doubled.
+
+    So a buffer that grows by one at a time is copied seldom.
+
+    Args:
+        buffer: ``[N, A, ...]``.
+        num_slots: what is needed; A or less returns the buffer itself.
+        capacity: never more slots than this, and at least ``num_slots``.
+
+    Returns:
+        ``[N, A', ...]``; zero where it is new.
+
+    Examples:
+        >>> grow_slots(torch.ones(1, 5), 6)
+        tensor([[1., 1., 1., 1., 1., 0., 0., 0., 0., 0.]])
+        >>> grow_slots(torch.ones(1, 5), 6, capacity=7).shape
+        torch.Size([1, 7])
+    """
+    slots = buffer.shape[1]
+    if num_slots <= slots:
+        return buffer
+    more = max(num_slots, 2 * slots, 8)
+    more = more if capacity is None else min(more, capacity)
+    grown = buffer.new_zeros(buffer.shape[0], more, *buffer.shape[2:])
+    grown[:, :slots] = buffer
+    return grown
