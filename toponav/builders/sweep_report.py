@@ -41,6 +41,7 @@ WINDOW = 16
 _SCRIPTED = ("random", "sticky")
 _LEARNED = ("best", "last")
 _GOOD = 0.9
+_MEASURED_IN = "measured in"
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     """
     results, left_out = _read_all(runs, read_pretraining)
     if not results:
-        return SweepReport("maze", left_out=left_out)
+        return SweepReport(_MEASURED_IN, left_out=left_out)
     names = swept_settings(runs)
     groups = group_runs(results, names)
     scores = []
@@ -77,7 +78,9 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         for maze in _union(results[run] for run in members):
             figures = [results[run][maze] for run in members if maze in results[run]]
             scores += _network_scores(settings, maze, figures)
-    return SweepReport("maze", scores, _draw_networks(scores, names, title), left_out)
+    return SweepReport(
+        _MEASURED_IN, scores, _draw_networks(scores, names, title), left_out
+    )
 
 
 def _network_scores(

@@ -15,7 +15,18 @@ from toponav.evaluation.classification import (
 )
 from toponav.evaluation.contact_sheet import contact_sheet, spread_out
 from toponav.evaluation.curves import draw_curves
+from toponav.evaluation.diagnostics import (
+    correlation,
+    effective_cells,
+    first_visits,
+    occupancy,
+    reward_by_new_cells,
+)
+from toponav.evaluation.episode_trace import EpisodeTrace, trace_episode
+from toponav.evaluation.episode_video import explored_frames
 from toponav.evaluation.experts import FrontierExpert, PathFollower
+from toponav.evaluation.exploration_curves import draw_training
+from toponav.evaluation.exploration_map import draw_exploration
 from toponav.evaluation.l_report import LReport, bayes_bound, l_report, useful_actions
 from toponav.evaluation.pair_truth import MazeMetric, PairTruth, pair_truth
 from toponav.evaluation.plan import draw_agent, draw_plan, draw_trajectory
@@ -68,6 +79,7 @@ __all__ = [
     "Binned",
     "Calibration",
     "Curve",
+    "EpisodeTrace",
     "Estimate",
     "FrontierExpert",
     "LReport",
@@ -91,26 +103,34 @@ __all__ = [
     "calibrate_reward_threshold",
     "calibrate_tc_threshold",
     "contact_sheet",
+    "correlation",
     "csv_table",
     "decisions_to_reach",
     "draw_accuracies",
     "draw_agent",
     "draw_curves",
+    "draw_exploration",
     "draw_learning_curves",
     "draw_plan",
     "draw_report",
+    "draw_training",
     "draw_trajectory",
+    "effective_cells",
     "expected_calibration_error",
+    "explored_frames",
+    "first_visits",
     "interquartile_mean",
     "l_report",
     "markdown_table",
     "mean",
+    "occupancy",
     "pair_candidates",
     "pair_truth",
     "place_error",
     "pose_bound",
     "pose_features",
     "prepare_walks",
+    "reward_by_new_cells",
     "roc_auc",
     "roc_curve",
     "running_mean",
@@ -122,6 +142,7 @@ __all__ = [
     "tc_report",
     "thousands",
     "top_mean",
+    "trace_episode",
     "useful_actions",
     "waypoint_mask",
     "waypoint_share",

@@ -6,7 +6,7 @@
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from toponav.evaluation.plan import AGENT, VALUE_COLOURS
+from toponav.evaluation.plan import AGENT, INK, VALUE_COLOURS
 
 Frame = NDArray[np.uint8]
 
@@ -70,7 +70,14 @@ class PlanRenderer:
         self._background = Image.fromarray(np.ascontiguousarray(pixels))
 
     def walk(
-        self, positions: ArrayLike, headings: ArrayLike, *, jump: float = 256.0
+        self,
+        positions: ArrayLike,
+        headings: ArrayLike,
+        *,
+        jump: float = 256.0,
+        values: ArrayLike | None = None,
+        dots: Mapping[int, str] | None = None,
+        every: int = 1,
     ) -> Iterator[Frame]:
         """Yield one picture per decision of a walk.
 
@@ -78,12 +85,17 @@ class PlanRenderer:
             positions: ``[T, 2]`` in map units.
             headings: ``[T]`` in degrees.
             jump: a step longer than this many map units leaves no trail.
+            values: ``[T]``, dark 0 to light 1, the trail's colours; a step has that of
+                the decision where it ends. The time by default.
+            dots: colours of dots that stay where the agent was, by decision.
+            every: yield the first picture and then each ``every``-th.
 
         Yields:
             uint8 ``[height, width, 3]``.
 
         Raises:
-            ValueError: if the numbers of positions and headings differ.
+            ValueError: if the numbers of positions, headings and values differ or
+                ``every < 1``.
         """
         places = np.asarray(positions, float)
         angles = np.radians(np.asarray(headings, float).reshape(-1))
@@ -92,19 +104,41 @@ class PlanRenderer:
                 f"headings must be as many as positions, {len(places)}, "
                 f"got {len(angles)}"
             )
+        if every < 1:
+            raise ValueError(f"every must be at least 1, got {every}")
+        shades = (
+            np.linspace(0, 1, len(places)) if values is None else np.asarray(values)
+        )
+        if len(shades) != len(places):
+            raise ValueError(
+                f"values must be as many as positions, {len(places)}, got {len(shades)}"
+            )
         pixels = self._to_pixels.transform(places)
         pixels[:, 1] = self._background.height - pixels[:, 1]
         trail = self._background.copy()
         pen = ImageDraw.Draw(trail)
-        colours = (VALUE_COLOURS(np.linspace(0, 1, len(places))) * 255).astype(int)
+        colours = (VALUE_COLOURS(shades) * 255).astype(int)
         for now, angle in enumerate(angles):
             last = max(now - 1, 0)
             if np.linalg.norm(places[now] - places[last]) <= jump:
                 ends = [tuple(pixels[last]), tuple(pixels[now])]
                 pen.line(ends, tuple(colours[now, :3]), width=3 * _SUPERSAMPLING)
+            if now % every:
+                continue
             picture = trail.copy()
-            _draw_arrow(ImageDraw.Draw(picture), pixels[now], angle)
+            brush = ImageDraw.Draw(picture)
+            for at, colour in (dots or {}).items():
+                if at <= now:
+                    _draw_dot(brush, pixels[at], colour)
+            _draw_arrow(brush, pixels[now], angle)
             yield np.asarray(picture.reduce(_SUPERSAMPLING))
+
+
+def _draw_dot(pen: ImageDraw.ImageDraw, at: np.ndarray, colour: str) -> None:
+    x, y = at
+    radius = 3.5 * _SUPERSAMPLING
+    box = (x - radius, y - radius, x + radius, y + radius)
+    pen.ellipse(box, fill=colour, outline=INK, width=_SUPERSAMPLING)
 
 
 def _draw_arrow(pen: ImageDraw.ImageDraw, at: np.ndarray, angle: float) -> None:
