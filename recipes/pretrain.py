@@ -25,6 +25,7 @@ from toponav.builders import (
     Validation,
     collect_held_out,
     decisions_due,
+    keep_freed_memory,
     learning_rate,
     make_autocast,
     make_collector,
@@ -54,6 +55,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     train, mazes, started = settings.train, split_mazes(settings), time.monotonic()
     torch.manual_seed(settings.seed)
     torch.set_num_threads(train.threads or torch.get_num_threads())
+    keep_freed_memory()
     device = make_device(settings.device)
     autocast = make_autocast(device, bf16=train.bf16)
 
@@ -73,7 +75,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     # Other processes walk; pairs of their frames train both networks.
     buffer = make_frame_buffer(settings)
     pairs = make_pair_source(
-        settings, networks, buffer.storage, generator=generator, device=device
+        settings.pairs, networks, buffer.storage, generator=generator, device=device
     )
     tc_loss, l_loss = make_losses(networks, mined=settings.pairs.mined)
     loggers = make_loggers(folder)

@@ -17,6 +17,7 @@ from toponav.builders.networks import (
     save_networks,
     start_networks,
 )
+from toponav.builders.process_memory import keep_freed_memory
 from toponav.builders.report import calibrate, embed_sequences, summarize, write_reports
 from toponav.builders.run_files import (
     make_loggers,
@@ -48,6 +49,7 @@ __all__ = [
     "embed_sequences",
     "embed_views",
     "find_runs",
+    "keep_freed_memory",
     "learning_rate",
     "load_networks",
     "make_autocast",

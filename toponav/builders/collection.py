@@ -13,6 +13,7 @@ from torchrl.weight_update import NoWeightSyncScheme
 from tqdm import tqdm
 
 from toponav.builders.mazes import make_env
+from toponav.builders.process_memory import keep_freed_memory
 from toponav.config import MazeConfig, PretrainConfig
 from toponav.data import HeldOut
 from toponav.evaluation import RandomPolicy, StickyPolicy
@@ -53,6 +54,7 @@ def make_walk_env(
     """
     # One process, one core: threads of torch would only get in each other's way.
     torch.set_num_threads(1)
+    keep_freed_memory()
     return add_walk_transforms(
         make_env(maze, batch_size=envs, seed=seed, privileged=privileged), halve=halve
     )
