@@ -34,13 +34,14 @@ class PreviousAction(Transform):
             if it has no such action.
 
     Examples:
-        >>> from torchrl.envs import TransformedEnv
-        >>> from torchrl.testing.mocking_classes import DiscreteActionVecMockEnv
-        >>> one_hot = torch.arange(7) == 2
-        >>> env = TransformedEnv(DiscreteActionVecMockEnv(), PreviousAction(7))
-        >>> data = env.rollout(2, policy=lambda data: data.set("action", one_hot))
-        >>> data["previous_action"].squeeze(-1)
-        tensor([7, 2])
+        >>> from tensordict import TensorDict
+        >>> env = TensorDict(batch_size=[2])
+        >>> previous = PreviousAction(num_actions=6)
+        >>> previous._reset(env, env.clone())["previous_action"].squeeze(-1)
+        tensor([6, 6])
+        >>> env["action"] = torch.tensor([0, 5])
+        >>> previous._step(env, env.empty())["previous_action"].squeeze(-1)
+        tensor([0, 5])
 
     Shape notation:
         B: batch of environments.

@@ -115,9 +115,10 @@ class WaypointSlots(nn.Module):
 
     def follow(self, num_envs: int, device: torch.device) -> None:
         """Have one row per env, all empty if their number changed, on ``device``."""
-        if self.counts.device != device:
+        num_waypoints = self.num_waypoints
+        if num_waypoints.device != device:
             self.to(device)
-        if len(self.num_waypoints) != num_envs:
+        if len(num_waypoints) != num_envs:
             for name, buffer in list(self.named_buffers()):
                 shape = (num_envs, *buffer.shape[1:])
                 setattr(self, name, buffer.new_zeros(shape))
@@ -151,44 +152,52 @@ class WaypointSlots(nn.Module):
             nearest: int64 ``[N]``; slot of the nearest waypoint, if not novel.
         """
         self._make_room(min(self.fullest + 1, self.capacity))
-        self.streak = (self.streak + 1) * novel
-        self.since_birth = self.since_birth + 1
-        born = novel & (self.streak >= self.persistence)
-        born = born & (self.since_birth >= self.min_gap)
-        full = self.num_waypoints >= self.capacity
-        if self.replacement == "none":
-            born = born & ~full
-        visited = ~novel
+        # Modules look attributes up slowly, and half of this is such overhead.
+        num, last_waypoint = self.num_waypoints, self.last_waypoint
+        mapped = ~novel
+        full = num >= self.capacity
+        born = self._birth(novel, full)
+        visited = mapped
         if self.count_on == "entry":
-            visited = visited & (nearest != self.last_waypoint)
-        mapped = born | ~novel
+            visited = mapped & (nearest != last_waypoint)
+        mapped = mapped | born
         slot = torch.where(born, self._free_slot(full), nearest * mapped)
-        self._mark(born, slot, visited)
-        count = self.counts.gather(1, slot.unsqueeze(-1)).squeeze(-1)
-        self.last_waypoint = torch.where(mapped, slot, self.last_waypoint)
-        self.num_waypoints = self.num_waypoints + (born & ~full)
-        self.births = self.births + born
-        self.streak = self.streak * ~born
-        self.since_birth = self.since_birth * ~born
+        count = self._mark(born, visited, slot)
+        num += born & ~full
+        torch.where(mapped, slot, last_waypoint, out=last_waypoint)
         self.fullest = min(self.fullest + 1, self.capacity)
         waypoint = torch.where(mapped, slot, -1)
         return Decision(waypoint, born, count * (born | visited))
 
-    def _mark(self, born: Tensor, slot: Tensor, visited: Tensor) -> None:
-        """Write visits and age of the slots that this decision touched."""
-        index = slot.unsqueeze(-1)
-        count = self.counts.gather(1, index) + visited.unsqueeze(-1)
-        count = count.masked_fill(born.unsqueeze(-1), 1)
-        self.counts.scatter_(1, index, count)
-        order = self.birth_order.gather(1, index)
-        order = torch.where(born.unsqueeze(-1), self.births.unsqueeze(-1), order)
-        self.birth_order.scatter_(1, index, order)
+    def _birth(self, novel: Tensor, full: Tensor) -> Tensor:
+        """Which novel views become waypoints, bool ``[N]``."""
+        streak, since_birth = self.streak, self.since_birth
+        streak.add_(1).mul_(novel)
+        since_birth.add_(1)
+        born = novel & (streak >= self.persistence) & (since_birth >= self.min_gap)
+        if self.replacement == "none":
+            born = born & ~full
+        others = ~born
+        streak.mul_(others)
+        since_birth.mul_(others)
+        return born
+
+    def _mark(self, born: Tensor, visited: Tensor, slot: Tensor) -> Tensor:
+        """Count visits and note ages; return the visits of ``slot``, ``[N]``."""
+        index, births = slot.unsqueeze(-1), self.births
+        count = self.counts.gather(1, index).squeeze(-1) + visited
+        count.masked_fill_(born, 1)
+        self.counts.scatter_(1, index, count.unsqueeze(-1))
+        if self.replacement != "none":
+            order = self.birth_order.gather(1, index).squeeze(-1)
+            order = torch.where(born, births, order)
+            self.birth_order.scatter_(1, index, order.unsqueeze(-1))
+        births += born
+        return count
 
     def _free_slot(self, full: Tensor) -> Tensor:
         """Slot of a waypoint that would be born now, int64 ``[N]``."""
-        if self.replacement == "none":
-            return self.num_waypoints
-        if self.fullest < self.capacity:
+        if self.replacement == "none" or self.fullest < self.capacity:
             return self.num_waypoints
         rank = self.birth_order
         if self.replacement == "least_visited":

@@ -1,0 +1,118 @@
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from toponav.transforms import (
+    aggregate_similarity,
+    combine_rewards,
+    count_reward,
+    temporal_distance_reward,
+)
+
+shares = st.floats(0, 1, width=32)
+
+
+def test_count_reward_worked_numbers():
+    # 0.3 / sqrt(1), / sqrt(2), / sqrt(9); no visit pays nothing.
+    paid = count_reward(torch.tensor([[1, 2], [9, 0]]), alpha=0.3)
+    expected = torch.tensor([[0.3, 0.3 / math.sqrt(2)], [0.1, 0.0]])
+    torch.testing.assert_close(paid, expected)
+    assert paid.dtype is torch.float32
+
+
+def test_staying_put_for_an_episode_pays_about_two_alpha_root_t():
+    # The sum of 1 / sqrt(n) up to T is 2 sqrt(T) - 1.46, 83.4 for T = 1800.
+    total = count_reward(torch.arange(1, 1801), alpha=0.2).sum().item()
+    assert total == pytest.approx(0.2 * (2 * math.sqrt(1800) - 1.46), rel=1e-3)
+
+
+@given(visits=st.integers(1, 10**6), alpha=st.floats(0, 2))
+def test_a_further_visit_never_pays_more(visits, alpha):
+    now, then = count_reward(torch.tensor([visits, visits + 1]), alpha)
+    assert 0 <= then <= now <= alpha * (1 + 1e-6)
+
+
+def test_temporal_distance_reward_worked_numbers():
+    # 0.8 / 0.8, 0.8 / 0.5; below the floor 0.8 / 0.05 = 16.
+    similarity = torch.tensor([0.8, 0.5, 0.02, 0.0])
+    paid = temporal_distance_reward(similarity, beta=0.8)
+    torch.testing.assert_close(paid, torch.tensor([1.0, 1.6, 16.0, 16.0]))
+    paid = temporal_distance_reward(similarity, beta=0.8, floor=0.1, clip=1.5)
+    torch.testing.assert_close(paid, torch.tensor([1.0, 1.5, 1.5, 1.5]))
+
+
+@given(one=shares, other=shares)
+def test_less_similar_never_pays_less(one, other):
+    low, high = sorted((one, other))
+    far, near = temporal_distance_reward(torch.tensor([low, high]), 1.0)
+    assert 1.0 <= near <= far <= 1 / 0.05
+
+
+def test_combine_worked_numbers():
+    count, distance = torch.tensor([0.1, 0.2]), torch.tensor([1.2, 1.6])
+    novel = torch.tensor([False, True])
+    torch.testing.assert_close(
+        combine_rewards(count, distance, novel), torch.tensor([0.1, 1.6])
+    )
+    torch.testing.assert_close(
+        combine_rewards(count, distance, novel, how="sum"), torch.tensor([1.3, 1.8])
+    )
+
+
+def test_aggregate_worked_numbers():
+    similarity = torch.tensor([[0.1, 0.5, 0.3, 0.9], [0.2, 0.4, 0.6, 0.8]])
+    live = torch.tensor([[True, True, True, False], [False] * 4])
+    assert aggregate_similarity(similarity, live).tolist() == pytest.approx([0.5, 0])
+    # The median of 0.1, 0.3, 0.5; a tenth of the way from 0.3 to 0.5 is 0.32.
+    median = aggregate_similarity(similarity, live, 50)
+    assert median.tolist() == pytest.approx([0.3, 0])
+    assert aggregate_similarity(similarity, live, 55)[0].item() == pytest.approx(0.32)
+
+
+@given(
+    row=st.lists(shares, min_size=1, max_size=8),
+    dead=st.lists(st.floats(allow_nan=True, width=32), max_size=3),
+)
+def test_dead_slots_are_never_read(row, dead):
+    similarity = torch.tensor([[*row, *dead]])
+    live = torch.arange(len(row) + len(dead)) < len(row)
+    found = aggregate_similarity(similarity, live.unsqueeze(0))
+    assert found.item() == max(row)
+    assert aggregate_similarity(similarity, live.unsqueeze(0), 100).item() == max(row)
+    assert aggregate_similarity(similarity, live.unsqueeze(0), 0).item() == min(row)
+
+
+def test_an_empty_memory_is_like_nothing():
+    empty = torch.empty(2, 0)
+    assert aggregate_similarity(empty, empty.bool()).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: count_reward(torch.tensor([1]), -0.1), "alpha must be .* got -0.1"),
+        (lambda: temporal_distance_reward(torch.ones(1), -1.0), "beta must be"),
+        (
+            lambda: temporal_distance_reward(torch.ones(1), 1.0, floor=0.0),
+            r"floor must be in \(0, 1\], got 0.0",
+        ),
+        (
+            lambda: temporal_distance_reward(torch.ones(1), 1.0, clip=0.0),
+            "clip must be above 0, got 0.0",
+        ),
+        (
+            lambda: combine_rewards(*torch.zeros(3, 1), how="mean"),
+            r"combine must be one of \('exclusive', 'sum'\), got 'mean'",
+        ),
+        (
+            lambda: aggregate_similarity(torch.ones(1, 1), torch.ones(1, 1) > 0, 101),
+            "aggregate must be 'max' or a percentile in .* got 101",
+        ),
+    ],
+)
+def test_wrong_arguments_are_refused(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
