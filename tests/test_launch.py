@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from toponav.config import SettingsError
-from toponav.launch import resumed_arguments
+from toponav.launch import named_folder, resumed_arguments
 
 
 def run_folder(tmp_path: Path, *overrides: str) -> Path:
@@ -40,3 +40,28 @@ def test_other_command_lines_stay_as_they_are(arguments: list[str]) -> None:
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="resume must name the folder of a run"):
         resumed_arguments([f"resume={tmp_path}"])
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        (["multirun/explore"], ["folder='multirun/explore'"]),
+        (["folder=runs/a=1,b=2"], ["folder='runs/a=1,b=2'"]),
+        (["folder='runs/a=1'"], ["folder='runs/a=1'"]),
+        (["it's/here"], ["folder='it\\'s/here'"]),
+        (["--help"], ["--help"]),
+        (["hydra/job_logging=default"], ["hydra/job_logging=default"]),
+        ([], []),
+    ],
+)
+def test_a_folder_may_stand_alone(given: list[str], named: list[str]) -> None:
+    assert named_folder(given, "folder") == named
+
+
+def test_a_folder_may_look_like_a_setting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_folder(tmp_path)
+    name = "maze=select,seed=0"
+    assert named_folder([name], "folder") == [f"folder='{name}'"]

@@ -40,6 +40,32 @@ def test_the_trail_stays_and_is_coloured_by_time():
         assert np.isfinite(centre_of(last, colour, tolerance=12)).all()
 
 
+def test_the_trail_can_be_coloured_by_a_value():
+    places = np.stack([np.linspace(192, 1472, 30), np.full(30, 704.0)], 1)
+    *_, last = RENDERER.walk(places, np.zeros(30), values=np.full(30, 0.5))
+    assert np.isfinite(centre_of(last, VALUE_COLOURS(0.5)[:3], tolerance=12)).all()
+    by_time = np.asarray(VALUE_COLOURS(0.1)[:3]) * 255
+    assert not (np.abs(last - by_time) < 12).all(-1).any()
+
+
+def test_skipped_pictures_change_nothing_in_the_others():
+    places = np.stack([np.linspace(192, 1472, 7), np.full(7, 704.0)], 1)
+    every = list(RENDERER.walk(places, np.zeros(7)))
+    third = list(RENDERER.walk(places, np.zeros(7), every=3))
+    assert len(third) == 3
+    assert all((a == b).all() for a, b in zip(every[::3], third, strict=True))
+
+
+def test_dots_appear_at_their_decision_and_stay():
+    places = np.array([[192.0, 192.0], [960.0, 192.0], [960.0, 704.0]])
+    pictures = list(RENDERER.walk(places, np.zeros(3), dots={1: "#ff00ff"}))
+    plain = list(RENDERER.walk(places, np.zeros(3)))
+    assert (pictures[0] == plain[0]).all()
+    dot = centre_of(pictures[2], "#ff00ff", tolerance=60)
+    arrow = centre_of(plain[1], AGENT)  # the agent stood there then
+    np.testing.assert_allclose(dot, arrow, atol=2)
+
+
 def test_a_new_start_within_the_episode_leaves_no_trail():
     places = np.array([[192.0, 192.0], [1472.0, 1216.0]])
     joined = list(RENDERER.walk(places, [0, 0], jump=1e9))[-1]
@@ -129,3 +155,7 @@ def test_wrong_renderer_arguments_are_refused():
         PlanRenderer(partial(draw_plan, open_mask=MASK), height=10)
     with pytest.raises(ValueError, match="headings must be as many as positions, 2"):
         list(RENDERER.walk([[0, 0], [1, 1]], [0.0]))
+    with pytest.raises(ValueError, match="values must be as many as positions, 2, got"):
+        list(RENDERER.walk([[0, 0], [1, 1]], [0.0, 0.0], values=[1.0]))
+    with pytest.raises(ValueError, match="every must be at least 1, got 0"):
+        list(RENDERER.walk([[0, 0], [1, 1]], [0.0, 0.0], every=0))

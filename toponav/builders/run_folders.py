@@ -160,14 +160,18 @@ def read_columns(path: Path) -> dict[str, NDArray[Any]]:
     """A CSV table by columns: float64, NaN for an empty cell, text where it is text.
 
     Raises:
-        BrokenRunError: if there is no such file, or a row is too short or too long.
+        BrokenRunError: if there is no such file, it is empty, or a row is too short or
+            too long.
     """
     if not path.is_file():
         raise BrokenRunError(f"has no {path.name}")
     with path.open(newline="", encoding="utf-8") as file:
-        head, *rows = csv.reader(file) or [[]]
+        rows = list(csv.reader(file))
+    if not rows:
+        raise BrokenRunError(f"has an empty {path.name}")
+    head, *rows = rows
     if any(len(row) != len(head) for row in rows):
-        raise BrokenRunError(f"has a {path.name} with broken rows")
+        raise BrokenRunError(f"has broken rows in its {path.name}")
     return {
         name: _column([row[number] for row in rows]) for number, name in enumerate(head)
     }

@@ -109,7 +109,7 @@ def trace_episode(episode: TensorDictBase) -> EpisodeTrace:
     before, after = episode[:1], episode.get("next")
 
     def observed(key: NestedKey) -> NDArray[Any]:
-        return np.asarray(torch.cat([before.get(key), after.get(key)]).cpu())
+        return np.asarray(torch.cat([before[key], after[key]]).cpu())
 
     def marked(key: NestedKey) -> NDArray[np.bool_]:
         none = torch.zeros(len(episode), 1, dtype=torch.bool)

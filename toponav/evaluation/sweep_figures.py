@@ -113,10 +113,10 @@ def draw_accuracies(
     label: str,
     title: str = "",
 ) -> Figure:
-    """Draw values over a swept setting: a dot a run, a line through their means.
+    """Draw values over a swept setting: a dot a run, and their means.
 
     Settings that are numbers keep their distances, on a logarithmic axis if they span
-    more than a factor of ten; others stand side by side.
+    more than a factor of ten; others stand side by side and without a line.
 
     Args:
         panels: by the panel's title and the line's name, the values of the runs at
@@ -137,6 +137,8 @@ def draw_accuracies(
         [82.0, 92.0]
     """
     figure, grid = _panels(len(panels))
+    for axes in grid[1:]:
+        axes.sharey(grid[0])
     for axes, (heading, lines) in zip(grid, panels.items(), strict=False):
         names = list(dict.fromkeys(at for points in lines.values() for at, _ in points))
         places = _places(names)
@@ -151,6 +153,8 @@ def draw_accuracies(
                 means,
                 marker=mark,
                 markersize=5,
+                # Between names there is nothing that a line could show.
+                linestyle="-" if _are_numbers(names) else "",
                 color=colour,
                 label=f"{name}, mean of {count} run{'s' * (count > 1)}",
             )
@@ -187,11 +191,17 @@ def thousands(value: float, _position: int | None = None) -> str:
 
 def _places(names: Sequence[str]) -> dict[str, float]:
     """Where each value of a setting stands: at itself, if all are numbers."""
-    try:
+    if _are_numbers(names):
         return {name: float(name) for name in names}
+    # From 0, so that no axis of names is logarithmic.
+    return {name: float(number) for number, name in enumerate(names)}
+
+
+def _are_numbers(names: Sequence[str]) -> bool:
+    try:
+        return bool([float(name) for name in names])
     except ValueError:
-        # From 0, so that no axis of names is logarithmic.
-        return {name: float(number) for number, name in enumerate(names)}
+        return False
 
 
 def _is_wide(places: Collection[float]) -> bool:

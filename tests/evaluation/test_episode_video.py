@@ -1,0 +1,78 @@
+from functools import partial
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from tests.evaluation import episodes
+from toponav.evaluation import draw_plan, explored_frames
+from toponav.evaluation.episode_video import caption
+from toponav.evaluation.exploration_map import FALSE_WAYPOINT
+
+PLAN = partial(draw_plan, open_mask=episodes.MASK)
+VIEWS = np.random.default_rng(0).integers(0, 256, (5, 60, 80, 3), np.uint8)
+
+
+def frames(views: np.ndarray, every: int) -> list[np.ndarray]:
+    shown = explored_frames(episodes.trace(), views, draw=PLAN, every=every, height=120)
+    return list(shown)
+
+
+def count_of(frame: np.ndarray, colour: str) -> int:
+    wanted = np.asarray(to_rgb(colour)) * 255
+    return int((np.abs(frame.astype(float) - wanted).max(-1) < 30).sum())
+
+
+def test_each_frame_has_view_plan_and_strip() -> None:
+    found = frames(VIEWS, 1)
+    assert len(found) == 5
+    assert {frame.shape for frame in found} == {(120 + 26, 160 + 8 + 240, 3)}
+    for frame, view in zip(found, VIEWS, strict=True):
+        assert (frame[:120:2, :160:2] == view).all()
+    strips = [frame[120:] for frame in found]
+    assert not (strips[0] == strips[1]).all()
+
+
+def test_a_false_waypoint_appears_when_it_is_born_and_stays() -> None:
+    # Born with the third observation; the red dot is under the arrow at first.
+    red = [count_of(frame[:120, 168:], FALSE_WAYPOINT) for frame in frames(VIEWS, 1)]
+    assert red[0] == red[1] == 0
+    assert min(red[3:]) > 5
+
+
+def test_skipped_decisions_leave_their_trail_and_their_waypoints() -> None:
+    shown = frames(VIEWS[::2], 2)
+    assert len(shown) == 3
+    all_of_them = frames(VIEWS, 1)
+    for few, one in zip(shown, all_of_them[::2], strict=True):
+        assert (few[:120] == one[:120]).all()
+
+
+def test_the_caption_counts_up_to_its_frame() -> None:
+    assert caption(episodes.trace(), 3, since=1) == [
+        "decision 3 of 4",
+        "coverage 60%",
+        "reward +2.50",  # 2 + 0.5, of the two decisions since
+        "return 3.5",
+        "waypoints 2 (1 false)",
+    ]
+    assert caption(episodes.trace(), 0, since=-1)[2:] == [
+        "reward +0.00",
+        "return 0.0",
+        "waypoints 1 (0 false)",
+    ]
+
+
+def test_the_caption_fits_below_the_pictures() -> None:
+    # At the default height, a column of white stays free at the right end.
+    views = np.zeros((1, 120, 160, 3), np.uint8)
+    (frame,) = explored_frames(episodes.trace(), views, draw=PLAN, every=9)
+    assert frame.shape[0] == 326
+    assert (frame[300:, -3:] == 255).all()
+    assert Image.fromarray(frame[300:]).getextrema() != ((255, 255),) * 3
+
+
+def test_as_many_views_as_frames() -> None:
+    with pytest.raises(ValueError, match="argument 2 is longer"):
+        frames(VIEWS[:2], 2)

@@ -1,0 +1,80 @@
+"""The report recipe, run as its users run it."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tests.builders.sweeps import make_exploration, make_pretraining, make_run
+
+RECIPE = Path(__file__).parent.parent / "recipes" / "report.py"
+
+
+def report(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(RECIPE), *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_a_sweep_gets_a_table_and_a_figure(tmp_path: Path) -> None:
+    sweep = tmp_path / "multirun" / "explore" / "20260101"
+    for seed in (0, 1):
+        make_exploration(sweep, "maze=maze3", seed=seed, best=[0.9, 0.8 + 0.1 * seed])
+    missing = make_run(sweep, "explore", "maze=maze3", seed=2)
+    before = set(tmp_path.rglob("*"))
+    done = report(tmp_path, "multirun/explore/20260101")
+    assert done.returncode == 0, done.stderr
+    sentence = f"{missing.relative_to(tmp_path)} is left out: it has no evaluation.csv"
+    assert done.stderr.strip() == sentence
+
+    names = {path.name for path in set(tmp_path.rglob("*")) - before}
+    assert names == {"report.md", "report.csv", "report.png"}
+    table, _, told = (sweep / "report.md").read_text().rpartition("\n\n")
+    assert done.stdout.startswith(table)
+    assert told == f"- {sentence}\n"
+    with (sweep / "report.csv").open(newline="") as file:
+        rows = {row["policy"]: row for row in csv.DictReader(file)}
+    assert list(rows) == ["best", "last", "random"]
+    assert float(rows["best"]["mean"]) == pytest.approx(87.5)
+    assert (rows["best"]["runs"], rows["best"]["values"]) == ("2", "4")
+    assert min(Image.open(sweep / "report.png").size) > 400
+
+
+@pytest.mark.slow
+def test_a_folder_with_runs_of_both_recipes_gets_two(tmp_path: Path) -> None:
+    make_exploration(tmp_path / "a=1,b=2", best=[0.9])
+    make_pretraining(tmp_path / "a=1,b=2", "k=2", mazes={"select": 0.9})
+    done = report(tmp_path, "folder=a=1,b=2")
+    assert done.returncode == 0, done.stderr
+    found = {path.name for path in (tmp_path / "a=1,b=2").glob("report*")}
+    kinds = ("csv", "md", "png")
+    assert found == {
+        f"report_{name}.{kind}" for name in ("explore", "pretrain") for kind in kinds
+    }
+
+
+@pytest.mark.slow
+def test_without_runs_there_is_one_sentence(tmp_path: Path) -> None:
+    done = report(tmp_path, "nowhere")
+    assert done.stderr.strip() == (
+        "report: folder must name the folder of a sweep or a run, got 'nowhere'"
+    )
+    assert done.returncode == 2
+    assert not list(tmp_path.iterdir())
+    folder = make_run(tmp_path, "explore")
+    done = report(tmp_path, folder.name)
+    assert done.stderr.splitlines() == [
+        f"{folder.name} is left out: it has no evaluation.csv",
+        "report: folder must hold a finished run of explore or pretrain, got none in "
+        f"'{folder.name}'",
+    ]
+    assert done.returncode == 2
