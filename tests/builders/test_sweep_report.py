@@ -88,15 +88,16 @@ def test_explorations_have_their_policies_and_the_maze_its_levels(
 
 
 def test_random_walks_of_other_seeds_are_put_together(tmp_path: Path) -> None:
-    make_exploration(tmp_path, seed=0, best=[0.8], random=[0.4, 0.5])
-    make_exploration(tmp_path, seed=1, best=[0.8], random=[0.6, 0.5])
+    make_exploration(tmp_path, "a=1", seed=0, best=[0.8], random=[0.4, 0.5])
+    make_exploration(tmp_path, "a=2", seed=0, best=[0.8], random=[0.4, 0.5])
+    make_exploration(tmp_path, "a=1", seed=1, best=[0.8], random=[0.6, 0.5])
     (walk,) = [
         one
         for one in report_exploration(find_runs(tmp_path)).scores
         if one.subject == "random"
     ]
-    # The second walk of both is the same one.
-    assert sorted(walk.values.tolist()) == [40.0, 50.0, 60.0]
+    # Two runs had the same walks; a coverage of two different walks counts twice.
+    assert sorted(walk.values.tolist()) == [40.0, 50.0, 50.0, 60.0]
 
 
 def test_the_training_is_through_when_sixteen_episodes_are(tmp_path: Path) -> None:

@@ -128,7 +128,7 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     """Coverage of the learned and the scripted policies, and learning curves.
 
     The scripted policies depend on the maze alone: their episodes of all runs in it
-    are put together, those that several runs have in common counted once.
+    are put together; runs whose walks are the same count once.
 
     Args:
         runs: of ``recipes/explore.py``.
@@ -216,20 +216,21 @@ def _training(explorations: list[Exploration]) -> dict[str, float]:
 
 
 def _pooled(policy: str, explorations: list[Exploration]) -> Columns | None:
-    """Episodes of a scripted policy in all runs, each counted once."""
+    """Episodes of a scripted policy in all runs, those of equal walks once."""
     tables = [
         one.evaluation[policy] for one in explorations if policy in one.evaluation
     ]
-    if not tables:
+    # A walk in the same maze with the same seed gives the same table, run for run.
+    names = ("coverage", "decisions_to_90")
+    different = {
+        tuple(table[name].tobytes() for name in names): table for table in tables
+    }
+    if not different:
         return None
-    shared = [name for name in tables[0] if all(name in table for table in tables)]
-    # What a learner's reward says about it differs from run to run.
-    kept = [name for name in shared if not name.endswith("return")]
-    rows = np.concatenate(
-        [np.stack([table[name] for name in kept], 1) for table in tables]
-    )
-    rows = np.unique(rows, axis=0)
-    return {name: rows[:, number] for number, name in enumerate(kept)}
+    return {
+        name: np.concatenate([table[name] for table in different.values()])
+        for name in names
+    }
 
 
 def _drop_short_evaluations(
