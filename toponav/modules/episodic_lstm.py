@@ -91,7 +91,6 @@ class EpisodicLSTM(nn.Module):
 
 
 def _restart(state: State, is_init: Tensor) -> State:
-    keep = ~is_init.unsqueeze(-1)
-    # `where`, not a product: a NaN of the last episode must not live on.
-    hidden, cell = (torch.where(keep, s, torch.zeros_like(s)) for s in state)
-    return hidden, cell
+    # Filled, not multiplied: a NaN of the last episode must not live on.
+    rows = is_init.unsqueeze(-1)
+    return state[0].masked_fill(rows, 0), state[1].masked_fill(rows, 0)
