@@ -31,6 +31,12 @@ def test_each_name_has_a_version_of_its_own() -> None:
     assert (mailbox.version("policy"), mailbox.version("networks")) == (0, 1)
 
 
+def test_versions_go_on_where_an_earlier_run_was() -> None:
+    mailbox = Mailbox({"policy": filled(0)}, versions={"policy": 7})
+    assert mailbox.pull("policy", filled(9)) == 7
+    assert mailbox.publish("policy", filled(1)) == 8
+
+
 def test_parameters_and_buffers_of_a_module_travel_without_a_graph() -> None:
     one, other = (nn.Sequential(nn.Linear(2, 3), nn.BatchNorm1d(3)) for _ in range(2))
     one[1].running_mean.fill_(0.5)

@@ -8,6 +8,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.collectors import Collector, MultiAsyncCollector
+from torchrl.data import Composite, Unbounded
 from torchrl.envs import Compose, EnvBase, TransformedEnv
 from torchrl.envs.transforms import Transform
 from torchrl.weight_update import NoWeightSyncScheme
@@ -74,9 +75,7 @@ class EchoTransform(Transform):
         shape = tensordict_reset.batch_size
         return tensordict_reset.set("networks_say", torch.zeros(*shape, 3))
 
-    def transform_observation_spec(self, observation_spec: object) -> object:
-        from torchrl.data import Unbounded  # noqa: PLC0415
-
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         observation_spec["networks_say"] = Unbounded((*observation_spec.shape, 3))
         return observation_spec
 

@@ -8,6 +8,34 @@ from toponav.builders.collection import (
     split_mazes,
 )
 from toponav.builders.devices import make_autocast, make_device
+from toponav.builders.episode_log import EpisodeLog, Row, mean_of
+from toponav.builders.exploration_evaluation import (
+    Evaluation,
+    evaluate_policies,
+    summarize_evaluation,
+    write_evaluation,
+)
+from toponav.builders.exploration_files import Means, make_metrics, write_metrics
+from toponav.builders.exploration_pictures import (
+    write_episode_video,
+    write_map,
+    write_training_curves,
+)
+from toponav.builders.exploration_state import (
+    ExplorationState,
+    restore_exploration,
+    save_exploration,
+)
+from toponav.builders.explore_collector import (
+    NETWORKS,
+    POLICY,
+    CollectionError,
+    collect_batches,
+    make_explore_collector,
+    make_mailbox,
+)
+from toponav.builders.explore_env import make_actor_critic, make_explore_env
+from toponav.builders.learner import Learner
 from toponav.builders.mazes import make_env, make_layout
 from toponav.builders.networks import (
     NETWORKS_FILE,
@@ -17,6 +45,9 @@ from toponav.builders.networks import (
     save_networks,
     start_networks,
 )
+from toponav.builders.novelty import Novelty, make_novelty
+from toponav.builders.online import OnlineLearning
+from toponav.builders.pretraining import prepare_networks
 from toponav.builders.process_memory import keep_freed_memory
 from toponav.builders.report import calibrate, embed_sequences, summarize, write_reports
 from toponav.builders.run_files import (
@@ -40,39 +71,68 @@ from toponav.builders.validation import Validation, embed_views
 
 __all__ = [
     "FRAME_KEYS",
+    "NETWORKS",
     "NETWORKS_FILE",
+    "POLICY",
+    "CollectionError",
+    "EpisodeLog",
+    "Evaluation",
+    "ExplorationState",
+    "Learner",
+    "Means",
     "Networks",
+    "Novelty",
+    "OnlineLearning",
+    "Row",
     "Validation",
     "calibrate",
+    "collect_batches",
     "collect_held_out",
     "decisions_due",
     "embed_sequences",
     "embed_views",
+    "evaluate_policies",
     "find_runs",
     "keep_freed_memory",
     "learning_rate",
     "load_networks",
+    "make_actor_critic",
     "make_autocast",
     "make_collector",
     "make_device",
     "make_env",
+    "make_explore_collector",
+    "make_explore_env",
     "make_frame_buffer",
     "make_layout",
     "make_loggers",
     "make_losses",
+    "make_mailbox",
+    "make_metrics",
     "make_networks",
+    "make_novelty",
     "make_optimizer",
     "make_pair_source",
+    "mean_of",
+    "prepare_networks",
     "report_exploration",
     "report_pretraining",
     "require_finite",
+    "restore_exploration",
     "restore_training",
+    "save_exploration",
     "save_networks",
     "save_training",
     "split_mazes",
     "start_networks",
     "summarize",
+    "summarize_evaluation",
+    "write_episode_video",
+    "write_evaluation",
+    "write_map",
     "write_measurements",
+    "write_metrics",
     "write_reports",
     "write_text",
+    "write_training_curves",
 ]

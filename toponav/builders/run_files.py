@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -59,13 +60,15 @@ def write_history(path: Path, history: Sequence[Figures]) -> None:
     table = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     for row in history:
-        table.writerow(
-            {
-                name: value if isinstance(value, int) else f"{value:.6g}"
-                for name, value in row.items()
-            }
-        )
+        table.writerow({name: _in_table(value) for name, value in row.items()})
     write_text(path, text.getvalue())
+
+
+def _in_table(value: float | str) -> float | str:
+    """Nothing for a number that is none; six digits are enough for the others."""
+    if isinstance(value, int | str):
+        return value
+    return "" if math.isnan(value) else f"{value:.6g}"
 
 
 def write_text(path: Path, text: str) -> None:

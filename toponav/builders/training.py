@@ -14,6 +14,7 @@ from toponav.builders.checkpoints import load_checkpoint, save_atomically
 from toponav.builders.networks import Networks, require_same_model
 from toponav.config import (
     ModelConfig,
+    PairsConfig,
     PretrainConfig,
     SettingsError,
     TrainConfig,
@@ -29,7 +30,7 @@ _VERSION = 1
 
 
 def make_pair_source(
-    config: PretrainConfig,
+    pairs: PairsConfig,
     networks: Networks,
     storage: Storage,
     *,
@@ -41,13 +42,12 @@ def make_pair_source(
     Mined pairs are of embeddings, drawn ones of views; `make_losses` fits.
 
     Args:
-        config: settings of the run.
+        pairs: which pairs.
         networks: embed the views, if pairs are mined.
         storage: of the frames.
         generator: source of the random numbers; on the CPU.
         device: of the networks.
     """
-    pairs = config.pairs
     tc_pairs = TCPairs(pairs.k, pairs.m, other_episode_share=pairs.other_episode_share)
     l_pairs = LPairs(pairs.locomotion_k)
     if not pairs.mined:
@@ -114,13 +114,20 @@ def decisions_due(config: PretrainConfig, update: int) -> int:
     return collect.ahead + round(rest * done)
 
 
-def require_finite(figures: Mapping[str, float], update: int, folder: Path) -> None:
+def require_finite(
+    figures: Mapping[str, float],
+    update: int,
+    folder: Path,
+    *,
+    setting: str = "train.lr",
+) -> None:
     """Stop a training whose losses are no numbers any more.
 
     Args:
         figures: losses by name.
         update: number of the update, for the message.
         folder: the run folder, for the message.
+        setting: the learning rate's, for the message.
 
     Raises:
         TrainingError: names the first figure that is not finite.
@@ -129,7 +136,8 @@ def require_finite(figures: Mapping[str, float], update: int, folder: Path) -> N
         if not math.isfinite(figure):
             raise TrainingError(
                 f"{name} must be finite, got {figure:g} in update {update}; the last "
-                f"good state is {folder / CHECKPOINT_FILE}, a smaller train.lr may help"
+                f"good state is {folder / CHECKPOINT_FILE}, "
+                f"a smaller {setting} may help"
             )
 
 

@@ -34,8 +34,8 @@ class Mailbox:
 
     Args:
         modules: what is published, by name: a module, of which parameters and
-            persistent buffers go into the mailbox, or tensors by name. Their values
-            are version 0.
+            persistent buffers go into the mailbox, or tensors by name.
+        versions: number of these first values by name, 0 unless given.
 
     Examples:
         >>> here, there = nn.Linear(2, 2), nn.Linear(2, 2)
@@ -46,13 +46,19 @@ class Mailbox:
         True
     """
 
-    def __init__(self, modules: Mapping[str, nn.Module | Mapping[str, Tensor]]) -> None:
+    def __init__(
+        self,
+        modules: Mapping[str, nn.Module | Mapping[str, Tensor]],
+        *,
+        versions: Mapping[str, int] | None = None,
+    ) -> None:
         self._slots: dict[str, TensorDict] = {}
         self._stamps: dict[str, Tensor] = {}
         for name, module in modules.items():
             tensors = {key: value.cpu() for key, value in tensors_of(module).items()}
             self._slots[name] = TensorDict(tensors).clone().share_memory_()
-            self._stamps[name] = torch.zeros((), dtype=torch.int64).share_memory_()
+            stamp = torch.tensor(2 * (versions or {}).get(name, 0))
+            self._stamps[name] = stamp.share_memory_()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,7 +66,7 @@ class Mailbox:
         return tuple(self._slots)
 
     def version(self, name: str) -> int:
-        """Number of the newest publication that is complete; 0 is the initial one."""
+        """Number of the newest publication that is complete."""
         return int(self._stamps[name]) // 2
 
     def publish(self, name: str, module: nn.Module | Mapping[str, Tensor]) -> int:

@@ -28,6 +28,7 @@ class RewardConfig:
     floor: float = MISSING
     clip: float | None = MISSING
     combine: str = MISSING
+    replacement: str = MISSING
     persistence: int = MISSING
     min_gap: int = MISSING
     count_on: str = MISSING
@@ -46,24 +47,26 @@ class RewardConfig:
                 require(
                     False,
                     f"reward.threshold must be one of {', '.join(_THRESHOLDS)} or a "
-                    "number in [0, 1]",
+                    "number in [0, 0.999]",
                     self.threshold,
                 )
-            require_between("reward.threshold", number, 0, 1)
+            require_between("reward.threshold", number, 0, 0.999)
         require_between("reward.floor", self.floor, 0.001, 1)
         if self.clip is not None:
             require_above_zero("reward.clip", self.clip)
         require_choice("reward.combine", self.combine, ("exclusive", "sum"))
         for name in ("persistence", "min_gap", "capacity"):
             require_at_least(f"reward.{name}", getattr(self, name), 1)
-        require_choice("reward.count_on", self.count_on, ("step", "entry"))
+        require_choice("reward.count_on", self.count_on, ("every", "entry"))
+        choices = ("none", "oldest", "least_visited")
+        require_choice("reward.replacement", self.replacement, choices)
         if self.aggregate != "max":
             require(
                 _is_number(self.aggregate),
-                "reward.aggregate must be max or a share in [0, 1]",
+                "reward.aggregate must be max or a percentile in [0, 100]",
                 self.aggregate,
             )
-            require_between("reward.aggregate", float(self.aggregate), 0, 1)
+            require_between("reward.aggregate", float(self.aggregate), 0, 100)
 
     @property
     def weights(self) -> tuple[float, float]:
@@ -252,3 +255,8 @@ class ExploreConfig:
             f"maze.episode_length must be more than M * k = {longest} decisions",
             self.maze.episode_length,
         )
+
+    @property
+    def halve(self) -> bool:
+        """Whether the networks look at halved views: all that `small` looks at."""
+        return self.model.encoder == "small"

@@ -1,0 +1,163 @@
+"""Networks to explore with: given, of an earlier pre-training, or made now."""
+
+import fcntl
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import IO
+
+from tqdm import tqdm
+
+from toponav.builders.networks import (
+    NETWORKS_FILE,
+    Networks,
+    load_networks,
+    save_networks,
+)
+from toponav.builders.training import CHECKPOINT_FILE
+from toponav.config import ExploreConfig, MazeConfig, TrainingError
+
+_WAIT_S = 20
+
+
+def prepare_networks(config: ExploreConfig, folder: Path, script: Path) -> Networks:
+    """Networks for a run, copied into its folder.
+
+    In this order: those that the run already has, if it goes on; those of
+    ``pretrained``; those of an earlier pre-training with the same settings; those of a
+    pre-training that starts now, in a process of its own, which a later run finds.
+
+    Args:
+        config: settings of the run.
+        folder: the run folder.
+        script: the recipe that pre-trains.
+
+    Raises:
+        SettingsError: if ``pretrained`` names no usable networks.
+        TrainingError: if the pre-training fails.
+    """
+    if config.resume and (folder / NETWORKS_FILE).is_file():
+        return load_networks(folder, setting="resume")
+    if config.pretrained is not None:
+        networks = load_networks(config.pretrained, setting="pretrained")
+    else:
+        networks = load_networks(pretrain(config, script), setting="pretraining.folder")
+    save_networks(networks, folder / NETWORKS_FILE)
+    return networks
+
+
+def pretrain(config: ExploreConfig, script: Path) -> Path:
+    """The folder of a pre-training with these settings, finished.
+
+    The folder's name has a key made of all settings that matter, and one process at a
+    time works in it: another that wants the same waits. A pre-training that was cut
+    off goes on.
+
+    Args:
+        config: settings of the exploration.
+        script: the recipe that pre-trains.
+
+    Raises:
+        TrainingError: if the pre-training fails.
+    """
+    overrides = pretraining_overrides(config)
+    key = hashlib.sha256(json.dumps(overrides).encode()).hexdigest()[:8]
+    name = f"{pretraining_maze(config).name}-{config.pretraining.scale}-{key}"
+    folder = Path(config.pretraining.folder) / name
+    folder.mkdir(parents=True, exist_ok=True)
+    with _alone_in(folder) as lock:
+        if (folder / NETWORKS_FILE).is_file():
+            tqdm.write(f"networks of {folder}")
+            return folder
+        tqdm.write(f"pre-training in {folder}")
+        if (folder / CHECKPOINT_FILE).is_file():
+            arguments = [f"resume='{folder}'"]
+        else:
+            arguments = [*overrides, f"hydra.run.dir='{folder}'"]
+        _run([sys.executable, str(script), *arguments], lock)
+    if not (folder / NETWORKS_FILE).is_file():
+        raise TrainingError(
+            f"pre-training must end with networks, got none in {folder}"
+        )
+    return folder
+
+
+def pretraining_maze(config: ExploreConfig) -> MazeConfig:
+    """The maze of the pre-training: another one has no slots of the same names."""
+    name = config.pretraining.maze
+    if name is None or name == config.maze.name:
+        return config.maze
+    return replace(config.maze, name=name, path=None, blocked=[])
+
+
+def pretraining_overrides(config: ExploreConfig) -> list[str]:
+    """The command line of the pre-training: all that its result depends on."""
+    maze = pretraining_maze(config)
+    groups = {
+        "maze": asdict(maze),
+        "model": asdict(config.model),
+        "pairs": asdict(config.pairs),
+    }
+    values = [
+        f"{group}.{name}={_in_hydra(value)}"
+        for group, settings in groups.items()
+        for name, value in settings.items()
+    ]
+    return [
+        f"maze={maze.name}",
+        f"scale={config.pretraining.scale}",
+        *values,
+        f"seed={config.pretraining.seed}",
+        *config.pretraining.overrides,
+    ]
+
+
+def _in_hydra(value: object) -> str:
+    """A value in the grammar of Hydra's command line.
+
+    Examples:
+        >>> [_in_hydra(value) for value in (None, True, [1, 2], "a b")]
+        ['null', 'true', '[1,2]', "'a b'"]
+    """
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return "[" + ",".join(_in_hydra(one) for one in value) + "]"
+    if isinstance(value, str) and not value.isidentifier():
+        return "'" + value.replace("'", "\\'") + "'"
+    return str(value)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[IO[str]]:
+    """Hold the folder's lock; it falls with the last process that has it open."""
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            tqdm.write(f"waiting for another run that pre-trains in {folder}")
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        yield lock
+
+
+def _run(command: list[str], lock: IO[str]) -> None:
+    """Run the recipe; it keeps the lock if this process is killed before it ends."""
+    process = subprocess.Popen(command, pass_fds=[lock.fileno()])
+    try:
+        status = process.wait()
+    except BaseException:
+        process.terminate()
+        try:
+            process.wait(_WAIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        raise
+    if status:
+        raise TrainingError(f"pre-training must end well, got exit status {status}")
