@@ -74,7 +74,8 @@ STEP: NestedKey = "step"
 TRAJECTORY: NestedKey = ("collector", "traj_ids")
 #: float32 []; TC-network's logit of "at most k decisions apart". Network -> TCLoss.
 LOGIT: NestedKey = "logit"
-#: float32 [6]; L-network's logits of the actions. Network -> LLoss, navigator.
+#: float32 [6]; logits of the actions. L-network -> LLoss, navigator;
+#: ActorCritic -> its losses.
 LOGITS: NestedKey = "logits"
 
 # --- exploration: novelty (transforms/waypoint_memory.py and rewards) -------
@@ -128,6 +129,10 @@ IS_INIT: NestedKey = "is_init"
 ACTION_LOG_PROB: NestedKey = "action_log_prob"
 #: float32 [1]; the critic's estimate. ActorCritic -> losses.
 STATE_VALUE: NestedKey = "state_value"
+#: float32 [1]; how much better the action was than the critic thought, and what the
+#: critic should have said; TorchRL's keys. RecurrentPPOLoss -> itself.
+ADVANTAGE: NestedKey = "advantage"
+VALUE_TARGET: NestedKey = "value_target"
 #: int64 [1]; number of the environment over all workers. Env factory -> learner.
 ENV_ID: NestedKey = "env_id"
 #: int64 [1]; versions of the policy's and of the networks' weights that made this

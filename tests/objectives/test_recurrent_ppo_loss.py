@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from tests.objectives.slices import collected_slice, n_step_returns
-from toponav.objectives import RecurrentPPOLoss
+from toponav.objectives import RecurrentPPOLoss, SequenceMinibatches
 
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
 
@@ -19,6 +19,18 @@ def test_the_policy_that_collected_stands_at_ratio_one() -> None:
     torch.testing.assert_close(out["loss_objective"], -mean, atol=1e-5, rtol=1e-4)
     error = (batch["value_target"] - batch["state_value"]).square().mean()
     torch.testing.assert_close(out["loss_critic"], 0.5 * error)
+
+
+def test_sequences_start_from_their_stored_state() -> None:
+    network, batch = collected_slice(rows=4, steps=6)
+    loss = RecurrentPPOLoss(network)
+    loss.estimate_advantage(batch)
+    for minibatch in SequenceMinibatches(2, num_minibatches=3, seed=0)(batch):
+        assert minibatch.shape == (4, 2)
+        assert loss(minibatch)["kl_approx"].item() == pytest.approx(0, abs=1e-6)
+    sequences = batch.reshape(-1, 2)
+    sequences["recurrent_state", "hidden"] += 1
+    assert loss(sequences)["max_ratio"] != 1
 
 
 def test_it_equals_the_clipped_objective_after_the_policy_moved() -> None:
