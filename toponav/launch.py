@@ -90,7 +90,7 @@ def resumed_arguments(arguments: list[str]) -> list[str]:
         ['maze=maze1']
         >>> resumed_arguments(["resume=runs"])
         Traceback (most recent call last):
-        toponav.config.checks.SettingsError: resume must name the folder of a run, got ...
+        toponav.config.checks.SettingsError: resume must name the folder of a run, ...
     """
     given = [word for word in arguments if word.startswith("resume=")]
     folder = given[-1].partition("=")[2].strip("'\"") if given else ""
