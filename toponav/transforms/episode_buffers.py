@@ -1,7 +1,7 @@
 """Buffers that hold one row per env: which rows restart, and how they are loaded.
 
 - :func:`reset_rows`: the mask of the rows that a reset touches.
-- :func:`match_buffers`: gives buffers the shape of the ones about to be loaded.
+- :func:`match_buffers`: makes buffers fit the ones about to be loaded.
 - :func:`grow_slots`: more room per env.
 """
 
@@ -45,7 +45,7 @@ def reset_rows(
 def match_buffers(
     module: nn.Module, state_dict: Mapping[str, object], prefix: str
 ) -> None:
-    """Reshape ``module``'s own buffers to those stored in ``state_dict``.
+    """Give ``module``'s own buffers the shape and dtype of those in ``state_dict``.
 
     The number of envs is not known before the first reset, so the buffers of a
     fresh transform are empty and would refuse a state with rows in it.
@@ -64,8 +64,11 @@ def match_buffers(
     """
     for name, buffer in list(module.named_buffers(recurse=False)):
         stored = state_dict.get(prefix + name)
-        if isinstance(stored, Tensor) and stored.shape != buffer.shape:
-            setattr(module, name, buffer.new_empty(stored.shape))
+        if not isinstance(stored, Tensor):
+            continue
+        if (stored.shape, stored.dtype) != (buffer.shape, buffer.dtype):
+            empty = buffer.new_empty(stored.shape, dtype=stored.dtype)
+            setattr(module, name, empty)
 
 
 def grow_slots(buffer: Tensor, num_slots: int, capacity: int | None = None) -> Tensor:

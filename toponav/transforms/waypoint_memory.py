@@ -212,11 +212,18 @@ class WaypointMemory(Transform):
             self.threshold = threshold
         self.slots.look()
         envs, slot = self.slots.live.nonzero(as_tuple=True)
+        if not len(envs):
+            return
         for some, where in zip(envs.split(chunk), slot.split(chunk), strict=True):
             views = self.slots.images[some, where]
             embedding = self._networks[0](views).float()
             self._check_numbers(embedding, None)
             self.slots.store(some, where, self._entries(embedding), views)
+
+    @staticmethod
+    def _is_near(device: torch.device) -> bool:
+        """Whether looking at a number costs nothing, since nothing is waited for."""
+        return device.type == "cpu"
 
     def _entries(self, embedding: Tensor) -> Tensor:
         """Entries of the memory, ``[R, P]``, for embeddings ``[R, D]``."""
@@ -236,13 +243,17 @@ class WaypointMemory(Transform):
         rows = reset_rows(tensordict, reset_keys, shape).to(flat.device).reshape(-1)
         envs = rows.nonzero().squeeze(-1)
         # Rows that go on are shown anything, and TorchRL keeps what they had.
-        embedding = self._networks[0](flat[envs]).float()
-        self._check_numbers(embedding, None)
-        self.slots.restart(envs)
-        first = torch.zeros_like(envs)
-        self.slots.store(envs, first, self._entries(embedding), flat[envs])
-        everywhere = embedding.new_zeros(len(flat), embedding.shape[-1])
-        everywhere[envs] = embedding
+        if len(envs):
+            embedding = self._networks[0](flat[envs]).float()
+            self._check_numbers(embedding, None)
+            self.slots.restart(envs)
+            first = torch.zeros_like(envs)
+            self.slots.store(envs, first, self._entries(embedding), flat[envs])
+            everywhere = embedding.new_zeros(len(flat), embedding.shape[-1])
+            everywhere[envs] = embedding
+        else:
+            length = self._embedding_length(flat[:1])
+            everywhere = torch.zeros(len(flat), length, device=flat.device)
         self._write(
             tensordict_reset,
             shape,
@@ -272,7 +283,7 @@ class WaypointMemory(Transform):
         waypoint, born, visits = slots.decide(novel, nearest)
         self._store_births(born, waypoint, embedding, flat)
         self._decisions_blind += 1
-        if flat.device.type == "cpu" or self._decisions_blind >= _LOOK_EVERY:
+        if self._is_near(flat.device) or self._decisions_blind >= _LOOK_EVERY:
             self._decisions_blind = 0
             self._check_numbers(embedding, known)
             slots.look()
@@ -300,7 +311,7 @@ class WaypointMemory(Transform):
     def _store_births(
         self, born: Tensor, waypoint: Tensor, embedding: Tensor, views: Tensor
     ) -> None:
-        if born.device.type == "cpu":
+        if self._is_near(born.device):
             envs = born.nonzero().squeeze(-1)
             if len(envs):
                 entry = self._entries(embedding[envs])
