@@ -243,12 +243,12 @@ class TestArguments:
         with pytest.raises(ValueError, match=r"action must be in \[0, 6\), got 6"):
             env.step(data.update(actions(env, 6)))
 
-    def test_seeds_of_textures_and_paintings_change_the_view(self, make: Make) -> None:
+    def test_the_art_settings_change_the_view(self, make: Make) -> None:
         views = [
             make(HALL, **options).reset()["pixels"]
-            for options in ({}, {"texture_seed": 1}, {"paintings": 0.0})
+            for options in ({}, {"texture_seed": 1}, {"paintings": 0.0}, {"marks": 0.0})
         ]
-        for one, other in ((0, 1), (0, 2), (1, 2)):
+        for one, other in ((0, 1), (0, 2), (0, 3), (1, 2)):
             assert (views[one] != views[other]).float().mean() > 0.1
 
 

@@ -63,6 +63,7 @@ def make_env(
             episode_length=config.episode_length,
             texture_seed=config.texture_seed,
             paintings=config.paintings,
+            marks=config.marks,
             privileged=privileged,
             seed=seed,
             device=device,

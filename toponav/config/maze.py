@@ -23,6 +23,7 @@ class MazeConfig:
     episode_length: int = MISSING
     texture_seed: int = MISSING
     paintings: float = MISSING
+    marks: float = MISSING
 
     def __post_init__(self) -> None:
         require(self.rows >= 1, "maze.rows must be at least 1", self.rows)
@@ -34,11 +35,8 @@ class MazeConfig:
             "maze.episode_length must be at least 1 decision",
             self.episode_length,
         )
-        require(
-            0 <= self.paintings <= 1,
-            "maze.paintings must lie in [0, 1]",
-            self.paintings,
-        )
+        for name, share in (("paintings", self.paintings), ("marks", self.marks)):
+            require(0 <= share <= 1, f"maze.{name} must lie in [0, 1]", share)
         require(
             self.name != "file" or bool(self.path),
             "maze.path must name a layout file when maze=file",

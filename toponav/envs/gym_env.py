@@ -50,8 +50,8 @@ class MazeEnv(gymnasium.Env[Observation, np.int64]):
 
     ## Arguments
     `maze`: the name of a maze, a `Layout`, or the path of a layout file; the ids set
-    it. `apples`, `goal`, `blocked`, `episode_length`, `texture_seed`, `paintings` as in
-    `DoomMazeEnv`. `render_mode`: `"rgb_array"` or `None`.
+    it. `apples`, `goal`, `blocked`, `episode_length`, `texture_seed`, `paintings`,
+    `marks` as in `DoomMazeEnv`. `render_mode`: `"rgb_array"` or `None`.
 
     ## Version History
     - v0: first version.
@@ -77,6 +77,7 @@ class MazeEnv(gymnasium.Env[Observation, np.int64]):
         episode_length: int = 1800,
         texture_seed: int = 0,
         paintings: float = 0.5,
+        marks: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -94,6 +95,7 @@ class MazeEnv(gymnasium.Env[Observation, np.int64]):
             episode_length=episode_length,
             texture_seed=texture_seed,
             paintings=paintings,
+            marks=marks,
         )
         self._fleet.seed(None)
         self._view: Observation | None = None

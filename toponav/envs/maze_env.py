@@ -64,6 +64,7 @@ class DoomMazeEnv(EnvBase):
         episode_length: decisions in an episode.
         texture_seed: draws walls, floors and paintings.
         paintings: share of wall edges with a painting, in [0, 1].
+        marks: share of wall edges with small marks of their own, in [0, 1].
         depth: height and width of the depth picture, or ``None`` for none.
         velocity: whether to give the velocity.
         privileged: whether to give the truth.
@@ -100,6 +101,7 @@ class DoomMazeEnv(EnvBase):
         episode_length: int = 1800,
         texture_seed: int = 0,
         paintings: float = 0.5,
+        marks: float = 1.0,
         depth: tuple[int, int] | None = None,
         velocity: bool = False,
         privileged: bool = False,
@@ -120,6 +122,7 @@ class DoomMazeEnv(EnvBase):
             episode_length=episode_length,
             texture_seed=texture_seed,
             paintings=paintings,
+            marks=marks,
             num_threads=num_threads,
         )
         self._end = weakref.finalize(self, self._fleet.close)

@@ -21,14 +21,21 @@ print(compile_maze(load_maze("maze1"), texture_seed=3).digest)
 """
 
 
-def textmap_of(layout: Layout, paintings: float = 0.5) -> str:
-    lumps = dict(lumps_of(compile_maze(layout, paintings=paintings).wad))
+def textmap_of(layout: Layout, **art: float) -> str:
+    lumps = dict(lumps_of(compile_maze(layout, **art).wad))
     return lumps["TEXTMAP"].decode()
 
 
+def walls_of(layout: Layout, **art: float) -> list[str]:
+    """Texture names of all wall edges."""
+    sides = blocks_of(textmap_of(layout, **art), "sidedef")
+    names = (side.get("texturemiddle", "").strip('"') for side in sides)
+    return [name for name in names if name]
+
+
 def num_painted(layout: Layout, paintings: float) -> int:
-    sides = blocks_of(textmap_of(layout, paintings), "sidedef")
-    return sum(side.get("texturemiddle", "").startswith('"MP') for side in sides)
+    walls = walls_of(layout, paintings=paintings, marks=0.0)
+    return sum(name.startswith("MP") for name in walls)
 
 
 def test_the_lumps_stand_in_the_engines_order() -> None:
@@ -113,9 +120,24 @@ def test_a_large_maze_hangs_paintings_twice() -> None:
     assert sum(name.startswith("MP") for name in names) == 256
 
 
+@settings(max_examples=20, deadline=None)
+@given(share=st.floats(0.0, 1.0))
+def test_the_asked_share_of_edges_is_marked(share: float) -> None:
+    walls = walls_of(HALL, paintings=0.0, marks=share)
+    marked = [name for name in walls if not name.startswith("MW")]
+    assert len(marked) == round(share * len(wall_edges(HALL)))
+    # No two alike.
+    assert len(set(marked)) == len(marked)
+
+
+def test_every_marked_wall_is_another_picture() -> None:
+    lumps = lumps_of(compile_maze(HALL, paintings=0.0, marks=1.0).wad)
+    pictures = [content for name, content in lumps if name.startswith("N0")]
+    assert len(set(pictures)) == len(pictures) == len(wall_edges(HALL))
+
+
+@pytest.mark.parametrize("art", ["paintings", "marks"])
 @pytest.mark.parametrize("share", [-0.01, 1.01, float("nan")])
-def test_a_share_out_of_range_is_refused(share: float) -> None:
-    with pytest.raises(
-        ValueError, match=rf"paintings must lie in \[0, 1\], got {share}"
-    ):
-        compile_maze(LANE, paintings=share)
+def test_a_share_out_of_range_is_refused(art: str, share: float) -> None:
+    with pytest.raises(ValueError, match=rf"{art} must lie in \[0, 1\], got {share}"):
+        compile_maze(LANE, **{art: share})

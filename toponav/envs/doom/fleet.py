@@ -47,6 +47,7 @@ class Fleet:
         episode_length: decisions after which an episode is truncated.
         texture_seed: draws walls, floors and paintings.
         paintings: share of wall edges with a painting, in [0, 1].
+        marks: share of wall edges with small marks of their own, in [0, 1].
         num_threads: threads that wait for engines; by default one a game, at most
             eight.
 
@@ -64,6 +65,7 @@ class Fleet:
         episode_length: int,
         texture_seed: int = 0,
         paintings: float = 0.5,
+        marks: float = 1.0,
         num_threads: int | None = None,
     ) -> None:
         rules.check(layout)
@@ -87,13 +89,17 @@ class Fleet:
         self.seed(0)
 
         # Once, before all games ask for it at the same time.
-        compile_maze(layout, texture_seed=texture_seed, paintings=paintings)
+        compile_maze(
+            layout, texture_seed=texture_seed, paintings=paintings, marks=marks
+        )
 
         # Here, because the crew's threads must not touch signals.
         instances.end_engines_on_sigterm()
 
         def start(_: int) -> None:
-            game = MazeGame(layout, texture_seed=texture_seed, paintings=paintings)
+            game = MazeGame(
+                layout, texture_seed=texture_seed, paintings=paintings, marks=marks
+            )
             self._games.append(game)
 
         try:

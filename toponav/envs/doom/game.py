@@ -45,6 +45,7 @@ class MazeGame:
         layout: the maze.
         texture_seed: draws its walls, floors and paintings.
         paintings: share of wall edges with a painting, in [0, 1].
+        marks: share of wall edges with small marks of their own, in [0, 1].
         depth_buffer: keep the engine's own depth picture (tests).
         objects: keep the engine's list of things (tests).
 
@@ -69,11 +70,14 @@ class MazeGame:
         *,
         texture_seed: int = 0,
         paintings: float = 0.5,
+        marks: float = 1.0,
         depth_buffer: bool = False,
         objects: bool = False,
     ) -> None:
         self.layout = layout
-        maze = compile_maze(layout, texture_seed=texture_seed, paintings=paintings)
+        maze = compile_maze(
+            layout, texture_seed=texture_seed, paintings=paintings, marks=marks
+        )
         self.engine = Engine(
             wad_file(maze), maze.map_name, depth_buffer=depth_buffer, objects=objects
         )
