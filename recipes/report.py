@@ -44,10 +44,11 @@ def main(settings: SweepReportConfig, _: Path) -> None:
         # One file of each kind, or one for each recipe.
         stem = "report" if len(there) == 1 else f"report_{name}"
         summaries = [summarize_scores(scores) for scores in report.scores]
-        table = markdown_table(summaries, subject=report.subject)
+        heads = {"subject": report.subject, "unit": report.unit}
+        table = markdown_table(summaries, **heads)
         left_out = "".join(f"\n- {sentence}" for sentence in report.left_out)
         write_text(folder / f"{stem}.md", f"{table}{left_out}".rstrip() + "\n")
-        write_text(folder / f"{stem}.csv", csv_table(summaries, subject=report.subject))
+        write_text(folder / f"{stem}.csv", csv_table(summaries, **heads))
         report.figure.savefig(folder / f"{stem}.png", dpi=150)
         texts.append(f"{table}\nwritten to {folder / stem}.md, .csv and .png")
     if not texts:

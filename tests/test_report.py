@@ -45,7 +45,7 @@ def test_a_sweep_gets_a_table_and_a_figure(tmp_path: Path) -> None:
         rows = {row["policy"]: row for row in csv.DictReader(file)}
     assert list(rows) == ["best", "last", "random"]
     assert float(rows["best"]["mean"]) == pytest.approx(87.5)
-    assert (rows["best"]["runs"], rows["best"]["values"]) == ("2", "4")
+    assert (rows["best"]["runs"], rows["best"]["episodes"]) == ("2", "4")
     assert min(Image.open(sweep / "report.png").size) > 400
 
 

@@ -76,7 +76,7 @@ def test_explorations_have_their_policies_and_the_maze_its_levels(
     # All four runs walked the same two random episodes: they count once.
     assert report.scores[-1].values.tolist() == [40.0, 50.0]
     # One of four episodes came to 90 %: no median.
-    assert best.more["reached 90 % (%)"] == 25
+    assert best.more["share to 90 % (%)"] == 25
     assert math.isnan(best.more["decisions to 90 %"])
     assert report.figure is not None
     (axes,) = report.figure.axes

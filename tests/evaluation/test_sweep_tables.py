@@ -20,7 +20,7 @@ SCORES = [
         "best",
         "coverage (%)",
         RUNS,
-        {"decisions to 90 %": 1234.0, "reached 90 % (%)": 66.666},
+        {"decisions to 90 %": 1234.0, "share to 90 % (%)": 66.666},
     ),
     Scores({"maze": "maze3"}, "a|b", "coverage (%)", np.array([[40.0]])),
 ]
@@ -35,6 +35,16 @@ def test_a_summary_has_mean_iqm_and_top_five() -> None:
     assert first.top == pytest.approx((470 - 60) / 5)
     assert (first.num_runs, first.num_values) == (2, 6)
     assert math.isnan(second.top)
+
+
+def test_episodes_of_no_run_are_counted_alone() -> None:
+    one = summarize_scores(Scores({}, "random", "coverage (%)", np.array([40.0, 50.0])))
+    assert (one.num_runs, one.num_values) == (0, 2)
+    text = markdown_table([one], subject="policy", unit="episodes")
+    head, _, row = text.splitlines()
+    assert cells(head)[-2:] == ["runs", "episodes"]
+    assert cells(row)[-2:] == ["-", "2"]
+    assert csv_table([one], subject="policy").rstrip().endswith(",,2")
 
 
 def test_the_interval_counts_runs_as_runs() -> None:
@@ -56,7 +66,7 @@ def test_markdown_has_a_row_each_and_aligned_columns() -> None:
     head, rule, first, second = text.splitlines()
     assert cells(head) == [
         *["maze", "reward.alpha", "policy", "measure", "mean (95 %)", "IQM (95 %)"],
-        *["top 5", "decisions to 90 %", "reached 90 % (%)", "runs", "values"],
+        *["top 5", "decisions to 90 %", "share to 90 % (%)", "runs", "values"],
     ]
     assert set(rule) == {"|", "-"}
     assert len({len(line) for line in (head, rule, first)}) == 1

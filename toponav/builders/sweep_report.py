@@ -50,12 +50,14 @@ class SweepReport:
 
     Args:
         subject: what each row of the table is about, beside the settings.
+        unit: what its values are of.
         scores: in the order of the rows; none if no run has finished.
         figure: of all runs, none if none has finished.
         left_out: a sentence for every run that is not in it.
     """
 
     subject: str
+    unit: str
     scores: list[Scores] = field(default_factory=list)
     figure: Figure | None = None
     left_out: list[str] = field(default_factory=list)
@@ -70,7 +72,7 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     """
     results, left_out = _read_all(runs, read_pretraining)
     if not results:
-        return SweepReport(_MEASURED_IN, left_out=left_out)
+        return SweepReport(_MEASURED_IN, "values", left_out=left_out)
     names = swept_settings(runs)
     groups = group_runs(results, names)
     scores = []
@@ -138,7 +140,7 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     names = swept_settings(runs)
     _drop_short_evaluations(results, names, left_out)
     if not results:
-        return SweepReport("policy", left_out=left_out)
+        return SweepReport("policy", "episodes", left_out=left_out)
     scores: list[Scores] = []
     panels: dict[str, list[Curve]] = {}
     levels: dict[str, dict[str, float]] = {}
@@ -170,7 +172,7 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         label=f"coverage, mean of the last {WINDOW} episodes (%)",
         title=title,
     )
-    return SweepReport("policy", scores, figure, left_out)
+    return SweepReport("policy", "episodes", scores, figure, left_out)
 
 
 def _walk(policy: str) -> str:
@@ -188,7 +190,7 @@ def _coverage(
     median, share = decisions_to_reach(
         np.concatenate([table["decisions_to_90"] for table in tables])
     )
-    reached = {"decisions to 90 %": median, "reached 90 % (%)": 100 * share}
+    reached = {"decisions to 90 %": median, "share to 90 % (%)": 100 * share}
     return Scores(
         settings,
         policy,

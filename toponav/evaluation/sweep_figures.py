@@ -100,7 +100,14 @@ def draw_learning_curves(
         axes.set_xlim(left=0)
         axes.set_ylim(0, 102)
         axes.xaxis.set_major_formatter(FuncFormatter(thousands))
-        axes.legend(fontsize=7.5, frameon=False, loc="lower right")
+        axes.legend(
+            title="line: mean, band: worst to best run",
+            title_fontsize=7.5,
+            alignment="left",
+            fontsize=7.5,
+            frameon=False,
+            loc="lower right",
+        )
     if title:
         figure.suptitle(title, fontsize=10)
     return figure

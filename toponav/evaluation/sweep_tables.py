@@ -33,8 +33,8 @@ class Scores:
         settings: what tells the group from the others, by name.
         subject: what was measured, such as a policy or a maze.
         measure: the name of the values, with their unit.
-        values: ``[R, E]`` of R runs with E episodes each; ``[R, 1]`` for one value a
-            run.
+        values: ``[R, E]`` of R runs with E episodes each, ``[R, 1]`` for one value a
+            run; ``[N]`` for episodes that are of no run.
         more: other numbers of the group; a name that ends in ``(%)`` has one decimal
             place in the table, any other name none.
     """
@@ -64,8 +64,8 @@ class Summary:
 
     @property
     def num_runs(self) -> int:
-        """How many runs are in it."""
-        return len(self.scores.values)
+        """How many runs are in it; 0 if its episodes are of no run."""
+        return len(self.scores.values) if self.scores.values.ndim == 2 else 0
 
     @property
     def num_values(self) -> int:
@@ -130,12 +130,15 @@ def decisions_to_reach(decisions: ArrayLike) -> tuple[float, float]:
     return float(median) if np.isfinite(median) else math.nan, float(reached.mean())
 
 
-def markdown_table(summaries: Sequence[Summary], *, subject: str) -> str:
+def markdown_table(
+    summaries: Sequence[Summary], *, subject: str, unit: str = "values"
+) -> str:
     """The summaries as a Markdown table, a row each, its columns aligned.
 
     Args:
         summaries: in the order of the rows.
         subject: heading of the column of the subjects.
+        unit: heading of the column that counts the values.
 
     Returns:
         The table, ending in a line break; empty without summaries.
@@ -147,7 +150,7 @@ def markdown_table(summaries: Sequence[Summary], *, subject: str) -> str:
     head = [
         *named,
         *[subject, "measure", "mean (95 %)", "IQM (95 %)", f"top {_TOP}"],
-        *[*others, "runs", "values"],
+        *[*others, "runs", unit],
     ]
     rows = [head]
     for one in summaries:
@@ -158,7 +161,7 @@ def markdown_table(summaries: Sequence[Summary], *, subject: str) -> str:
                 *[scores.subject, scores.measure],
                 *[_interval(one.mean), _interval(one.iqm), _number(one.top, 1)],
                 *(_number(scores.more.get(name), _places(name)) for name in others),
-                *[str(one.num_runs), str(one.num_values)],
+                *[str(one.num_runs or "-"), str(one.num_values)],
             ]
         )
     wide = [max(len(row[column]) for row in rows) for column in range(len(head))]
@@ -167,7 +170,9 @@ def markdown_table(summaries: Sequence[Summary], *, subject: str) -> str:
     return "\n".join([lines[0], rule, *lines[1:]]) + "\n"
 
 
-def csv_table(summaries: Sequence[Summary], *, subject: str) -> str:
+def csv_table(
+    summaries: Sequence[Summary], *, subject: str, unit: str = "values"
+) -> str:
     """The summaries as CSV: the same rows, the ends of the intervals by themselves."""
     named = _names([one.scores.settings for one in summaries])
     others = _names([one.scores.more for one in summaries])
@@ -175,7 +180,7 @@ def csv_table(summaries: Sequence[Summary], *, subject: str) -> str:
     table = csv.writer(text, lineterminator="\n")
     ends = ["mean", "mean_low", "mean_high", "iqm", "iqm_low", "iqm_high"]
     table.writerow(
-        [*named, subject, "measure", *ends, f"top_{_TOP}", *others, "runs", "values"]
+        [*named, subject, "measure", *ends, f"top_{_TOP}", *others, "runs", unit]
     )
     for one in summaries:
         mean_, iqm, scores = one.mean, one.iqm, one.scores
@@ -186,7 +191,7 @@ def csv_table(summaries: Sequence[Summary], *, subject: str) -> str:
                 *(scores.settings.get(name, "") for name in named),
                 *[scores.subject, scores.measure],
                 *(_plain(number) for number in [*numbers, one.top, *rest]),
-                *[one.num_runs, one.num_values],
+                *[one.num_runs or "", one.num_values],
             ]
         )
     return text.getvalue()
