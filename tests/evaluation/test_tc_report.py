@@ -5,6 +5,7 @@ import torch
 
 from toponav.evaluation import (
     PairTruth,
+    most_similar,
     pair_candidates,
     place_error,
     pose_bound,
@@ -90,13 +91,27 @@ def test_views_of_one_moment_do_not_stand_for_each_other():
 def test_place_error_looks_only_at_candidates():
     similarity = torch.tensor([[1.0, 0.9, 0.2], [0.9, 1.0, 0.3], [0.2, 0.3, 1.0]])
     distance = torch.tensor([[0.0, 10.0, 300.0], [10.0, 0.0, 256.0], [300.0, 256.0, 0]])
+
+    def error(candidates):
+        best = most_similar(similarity, candidates)
+        found = distance[torch.arange(3), best]
+        return place_error(torch.where(best >= 0, found, torch.nan))
+
     others = ~torch.eye(3, dtype=torch.bool)
-    assert place_error(similarity, distance, others) == 0  # 2's nearest is at 256
+    assert error(others) == 0  # 2's nearest is at 256
     without = others.clone()
     without[0, 1] = False  # 0 must take 2, at 300
-    assert place_error(similarity, distance, without) == pytest.approx(1 / 3)
+    assert error(without) == pytest.approx(1 / 3)
     without[1] = False  # and 1 is left out
-    assert place_error(similarity, distance, without) == pytest.approx(1 / 2)
+    assert error(without) == pytest.approx(1 / 2)
+
+
+def test_some_views_look_among_all():
+    episode, step = torch.tensor([0, 0, 0, 1]), torch.tensor([0, 1, 30, 0])
+    all_rows = pair_candidates(episode, step, min_gap=20)
+    rows = torch.tensor([2, 0])
+    some = pair_candidates(episode, step, min_gap=20, rows=rows)
+    assert torch.equal(some, all_rows[rows])
 
 
 def pose_pairs(num, seed):

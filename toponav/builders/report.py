@@ -12,6 +12,7 @@ from torch import Tensor
 from toponav.builders.devices import one_thread
 from toponav.builders.mazes import make_layout
 from toponav.builders.networks import Networks
+from toponav.builders.place_errors import place_errors
 from toponav.builders.run_files import write_text
 from toponav.builders.validation import Validation, embed_views
 from toponav.config import MazeConfig, PretrainConfig
@@ -29,9 +30,7 @@ from toponav.evaluation import (
     calibrate_tc_threshold,
     draw_report,
     l_report,
-    pair_candidates,
     pair_truth,
-    place_error,
     pose_bound,
     pose_features,
     prepare_walks,
@@ -39,12 +38,9 @@ from toponav.evaluation import (
     tc_report,
     useful_actions,
 )
-from toponav.keys import POSITION
 
 # Sequences of a maze that thresholds are calibrated on.
 _MAX_SEQUENCES = 30
-# Views that look for their most similar other one, and views among which they look.
-_PLACE_QUERIES, _PLACE_MEMORY = 400, 3600
 # Pairs of poses that train the bound.
 _BOUND_PAIRS = 20_000
 _REPORT_PAIRS = 6000
@@ -197,9 +193,7 @@ def _measure(
             (_pose_features(metric, held_out, train), train.label),
             (_pose_features(metric, held_out, test), test.label),
         ),
-        "place_error": _place_error(
-            networks, validation, metric, held_out, rule.min_distance
-        ),
+        **place_errors(networks, validation, maze, held_out, min_gap=rule.min_distance),
     }
     return tc, locomotion, more
 
@@ -207,47 +201,6 @@ def _measure(
 def _pose_features(metric: MazeMetric, held_out: HeldOut, pairs: PairSet) -> Tensor:
     positions, headings = held_out.poses(pairs)
     return pose_features(positions, headings, pair_truth(metric, positions, headings))
-
-
-@torch.no_grad()
-def _place_error(
-    networks: Networks,
-    validation: Validation,
-    metric: MazeMetric,
-    held_out: HeldOut,
-    min_gap: int,
-) -> float:
-    """Share of views whose most similar other view shows another place.
-
-    Some views look among many: the fewer there are, the more often none of them shows
-    the place from the same side, which is no fault of the network.
-    """
-    total = held_out.num_episodes * held_out.length
-    memory = torch.arange(0, total, max(1, total // _PLACE_MEMORY))
-    queries = memory[:: max(1, len(memory) // _PLACE_QUERIES)]
-    embeddings = embed_views(
-        networks.tc.encoder,
-        held_out.pixels[memory],
-        device=validation.device,
-        autocast=validation.autocast,
-    )
-    prepared = networks.tc.prepare_memory(embeddings)
-    rows = torch.searchsorted(memory, queries)
-    similarity = torch.cat(
-        [
-            networks.tc.compare_prepared(some, prepared.expand(len(some), -1, -1))
-            for some in embeddings[rows].split(16)
-        ]
-    )
-    place = held_out.frames.get(POSITION)
-    candidates = pair_candidates(
-        memory // held_out.length, memory % held_out.length, min_gap=min_gap
-    )
-    return place_error(
-        similarity.cpu(),
-        metric.geodesic(place[queries].unsqueeze(1), place[memory].unsqueeze(0)),
-        candidates[rows],
-    )
 
 
 def summarize(figures: Mapping[str, Mapping[str, float]], networks: Networks) -> str:
@@ -260,7 +213,8 @@ def summarize(figures: Mapping[str, Mapping[str, float]], networks: Networks) ->
         lines.append(
             f"{name}: TC {maze['accuracy']:.1%} (from true poses "
             f"{maze['pose_bound']:.1%}), AUC {maze['auc']:.3f}, place error "
-            f"{maze['place_error']:.1%}; L by offset {' / '.join(by_offset)}"
+            f"{maze['place_error']:.1%} (another visit "
+            f"{maze['place_error_revisit']:.1%}); L by offset {' / '.join(by_offset)}"
         )
     at = [f"{name} {value:.3f}" for name, value in networks.thresholds.items()]
     return "\n".join([*lines, f"thresholds: {', '.join(at)}"])

@@ -59,6 +59,7 @@ from toponav.evaluation.sweep_tables import (
 )
 from toponav.evaluation.tc_report import (
     TCReport,
+    most_similar,
     pair_candidates,
     place_error,
     tc_report,
@@ -123,6 +124,7 @@ __all__ = [
     "l_report",
     "markdown_table",
     "mean",
+    "most_similar",
     "occupancy",
     "pair_candidates",
     "pair_truth",

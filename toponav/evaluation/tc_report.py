@@ -2,7 +2,7 @@
 
 - `tc_report`: all measures on held-out pairs, a `TCReport`.
 - `place_error`: does the most similar view show the same place?
-- `pair_candidates`: which views may be each other's most similar.
+- `pair_candidates`, `most_similar`: which view looks most like another one.
 """
 
 from dataclasses import dataclass
@@ -164,16 +164,23 @@ def tc_report(
     )
 
 
-def pair_candidates(episode: Tensor, step: Tensor, *, min_gap: int) -> Tensor:
+def pair_candidates(
+    episode: Tensor, step: Tensor, *, min_gap: int, rows: Tensor | None = None
+) -> Tensor:
     """Which views may stand for each other: of two episodes, or far apart in time.
 
     Args:
         episode: int64 ``[V]``.
         step: decision within the episode, int64 ``[V]``.
-        min_gap: least number of decisions between two views of one episode.
+        min_gap: least number of decisions between two views of one episode; 1 for
+            any other view.
+        rows: int64 ``[Q]``, the views that look for others; all by default.
 
     Returns:
-        bool ``[V, V]``; never true on the diagonal.
+        bool ``[Q, V]``; never true for a view and itself.
+
+    Raises:
+        ValueError: if ``min_gap < 1``.
 
     Examples:
         >>> pair_candidates(
@@ -182,20 +189,34 @@ def pair_candidates(episode: Tensor, step: Tensor, *, min_gap: int) -> Tensor:
         tensor([[0, 0, 1],
                 [0, 0, 1],
                 [1, 1, 0]], dtype=torch.int32)
+
+    Shape notation:
+        V: views.  Q: those of them that look for others.
     """
     if min_gap < 1:
         raise ValueError(f"min_gap must be at least 1, got {min_gap}.")
-    other = episode.unsqueeze(0) != episode.unsqueeze(1)
-    return other | ((step.unsqueeze(0) - step.unsqueeze(1)).abs() >= min_gap)
+    rows = torch.arange(len(episode)) if rows is None else rows
+    other = episode != episode[rows].unsqueeze(1)
+    return other | ((step - step[rows].unsqueeze(1)).abs() >= min_gap)
 
 
-def place_error(
-    similarity: Tensor,
-    distance: Tensor,
-    candidates: Tensor,
-    *,
-    limit: float = 256.0,
-) -> float:
+def most_similar(similarity: Tensor, candidates: Tensor) -> Tensor:
+    """Number of the most similar view, int64 ``[Q]``; -1 where there is no candidate.
+
+    Args:
+        similarity: float32 ``[Q, V]``.
+        candidates: bool ``[Q, V]``, see `pair_candidates`.
+
+    Examples:
+        >>> similarity = torch.tensor([[1.0, 0.2, 0.9], [0.2, 1.0, 0.8]])
+        >>> most_similar(similarity, ~torch.eye(3, dtype=torch.bool)[:2])
+        tensor([2, 2])
+    """
+    best = similarity.masked_fill(~candidates, -torch.inf).argmax(1)
+    return torch.where(candidates.any(1), best, -1)
+
+
+def place_error(distance: Tensor, *, limit: float = 256.0) -> float:
     """Share of views whose most similar other view shows another place.
 
     A network can tell near from far pairs well and still be useless for localisation,
@@ -203,25 +224,18 @@ def place_error(
     error of 26 %.
 
     Args:
-        similarity: ``[V, V]``, see `similarity_matrix`.
-        distance: walking distances in map units, ``[V, V]``.
-        candidates: bool ``[V, V]``, see `pair_candidates`. Views without any are left
-            out.
+        distance: walking distance from each view to its `most_similar` one in map
+            units, ``[Q]``; NaN without one, which is left out.
         limit: map units; beyond it is another place. Two cells.
 
     Returns:
-        In [0, 1]; NaN if no view has a candidate.
+        In [0, 1]; NaN if there is no view.
 
     Examples:
-        >>> similarity = torch.tensor([[1.0, 0.2, 0.9], [0.2, 1.0, 0.8], [0.9, 0.8, 1]])
-        >>> distance = torch.tensor([[0.0, 10, 999], [10, 0, 90], [999, 90, 0]])
-        >>> place_error(similarity, distance, ~torch.eye(3, dtype=torch.bool))  # 2 of 3
-        0.6666...
+        >>> place_error(torch.tensor([10.0, 256.0, 257.0, 999.0]))
+        0.5
     """
-    some = candidates.any(1)
-    nearest = similarity.masked_fill(~candidates, -1).argmax(1)
-    off = distance.gather(1, nearest.unsqueeze(1)).squeeze(1) > limit
-    return _share(off[some])
+    return _share(distance[~distance.isnan()] > limit)
 
 
 def _similarity_map(
