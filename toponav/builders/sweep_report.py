@@ -81,7 +81,7 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
             figures = [results[run][maze] for run in members if maze in results[run]]
             scores += _network_scores(settings, maze, figures)
     return SweepReport(
-        _MEASURED_IN, scores, _draw_networks(scores, names, title), left_out
+        _MEASURED_IN, "values", scores, _draw_networks(scores, names, title), left_out
     )
 
 
