@@ -55,19 +55,18 @@ class RecurrentPPOLoss(ClipPPOLoss):
         >>> from tensordict import TensorDict
         >>> from toponav.modules import ActorCritic
         >>> network = ActorCritic(input="embedding", embedding_dim=8)
-        >>> state = {
-        ...     "embedding": torch.randn(4, 20, 8),
-        ...     "previous_action": torch.randint(7, (4, 20, 1)),
-        ...     "previous_reward": torch.zeros(4, 20, 1),
-        ...     "recurrent_state": network.initial_state(4, 20),
+        >>> state = {  # four episodes of a single decision
+        ...     "embedding": torch.randn(4, 1, 8),
+        ...     "previous_action": torch.full((4, 1, 1), 6),
+        ...     "previous_reward": torch.zeros(4, 1, 1),
+        ...     "recurrent_state": network.initial_state(4, 1),
         ... }
-        >>> false = torch.zeros(4, 20, 1, dtype=torch.bool)
-        >>> following = {**state, "intrinsic_reward": torch.ones(4, 20, 1)}
-        >>> following |= {"done": false, "terminated": false}
-        >>> batch = TensorDict({**state, "is_init": false, "next": following}, [4, 20])
-        >>> with torch.no_grad():  # as a collector would, decision by decision
-        ...     decisions = [network(d) for d in batch.unbind(-1)]
-        >>> batch = torch.stack(decisions, -1)
+        >>> true = torch.ones(4, 1, 1, dtype=torch.bool)
+        >>> following = {**state, "intrinsic_reward": torch.ones(4, 1, 1)}
+        >>> following |= {"done": true, "terminated": ~true}
+        >>> batch = TensorDict({**state, "is_init": true, "next": following}, [4, 1])
+        >>> with torch.no_grad():
+        ...     batch = network(batch)
         >>> loss = RecurrentPPOLoss(network)
         >>> loss.set_keys(reward="intrinsic_reward")
         >>> batch = loss.estimate_advantage(batch)
