@@ -2,7 +2,7 @@ import math
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toponav.transforms import (
@@ -29,6 +29,7 @@ def test_staying_put_for_an_episode_pays_about_two_alpha_root_t():
     assert total == pytest.approx(0.2 * (2 * math.sqrt(1800) - 1.46), rel=1e-3)
 
 
+@settings(deadline=None)
 @given(visits=st.integers(1, 10**6), alpha=st.floats(0, 2))
 def test_a_further_visit_never_pays_more(visits, alpha):
     now, then = count_reward(torch.tensor([visits, visits + 1]), alpha)
@@ -44,6 +45,7 @@ def test_temporal_distance_reward_worked_numbers():
     torch.testing.assert_close(paid, torch.tensor([1.0, 1.5, 1.5, 1.5]))
 
 
+@settings(deadline=None)
 @given(one=shares, other=shares)
 def test_less_similar_never_pays_less(one, other):
     low, high = sorted((one, other))
@@ -72,6 +74,7 @@ def test_aggregate_worked_numbers():
     assert aggregate_similarity(similarity, live, 55)[0].item() == pytest.approx(0.32)
 
 
+@settings(deadline=None)
 @given(
     row=st.lists(shares, min_size=1, max_size=8),
     dead=st.lists(st.floats(allow_nan=True, width=32), max_size=3),

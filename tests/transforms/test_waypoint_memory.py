@@ -113,6 +113,12 @@ def test_full_memory_replaces_the_least_visited():
     assert column(memory, way, WAYPOINT) == [0, 0, 1, 1, 0]
 
 
+def test_of_equally_visited_waypoints_the_oldest_goes():
+    memory = make_memory(capacity=2, replacement="least_visited")
+    # 1.0 takes slot 0; then 0.5 in slot 1 is the older one.
+    assert column(memory, [0.0, 0.5, 1.0, 0.0], WAYPOINT) == [1, 0, 1]
+
+
 def test_a_percentile_decides_what_is_novel():
     # Similarities of 1.0 to three waypoints 0, 0.5, 1: the median is 0.5.
     memory = make_memory(aggregate=50)

@@ -1,6 +1,6 @@
 """`WaypointMemory`: what each env has seen in this episode, as waypoints."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import Self
 
@@ -22,16 +22,12 @@ from toponav.keys import (
 )
 from toponav.transforms.episode_buffers import reset_rows
 from toponav.transforms.novelty import Aggregate, aggregate_similarity, check_aggregate
+from toponav.transforms.view_similarity import Compare, Embed, ViewSimilarity
 from toponav.transforms.waypoint_slots import CountOn, Replacement, WaypointSlots
-
-Embed = Callable[[Tensor], Tensor]
-Compare = Callable[[Tensor, Tensor], Tensor]
 
 _OUT_KEYS = [EMBEDDING, WAYPOINT, SIMILARITY, NOVEL, BORN, VISITS, NUM_WAYPOINTS]
 #: Decisions between two looks at the numbers of another device than the CPU.
 _LOOK_EVERY = 16
-#: What rounding may add to a similarity of 0 or 1.
-_ROUNDING = 1e-3
 
 
 class WaypointMemory(Transform):
@@ -153,12 +149,16 @@ class WaypointMemory(Transform):
                 f"in_keys must be one key and out_keys {len(_OUT_KEYS)}, "
                 f"got {self.in_keys} and {self.out_keys}"
             )
-        # In a tuple modules are not registered: they belong to somebody else.
-        self._networks = (embed, compare, prepare)
+        self.similarity = ViewSimilarity(
+            embed,
+            compare,
+            prepare,
+            embedding_key=self.out_keys[0],
+            similarity_key=self.out_keys[2],
+        )
         self.threshold = threshold
         self.aggregate = aggregate
         self._decisions_blind = 0
-        self._embedding_lengths: dict[torch.Size, int] = {}
         self.slots = WaypointSlots(
             capacity=capacity,
             replacement=replacement,
@@ -216,21 +216,15 @@ class WaypointMemory(Transform):
             return
         for some, where in zip(envs.split(chunk), slot.split(chunk), strict=True):
             views = self.slots.images[some, where]
-            embedding = self._networks[0](views).float()
-            self._check_numbers(embedding, None)
-            self.slots.store(some, where, self._entries(embedding), views)
+            embedding = self.similarity.embed(views)
+            self.similarity.check(embedding)
+            entry = self.similarity.entries(embedding)
+            self.slots.store(some, where, entry, views)
 
     @staticmethod
     def _is_near(device: torch.device) -> bool:
         """Whether looking at a number costs nothing, since nothing is waited for."""
         return device.type == "cpu"
-
-    def _entries(self, embedding: Tensor) -> Tensor:
-        """Entries of the memory, ``[R, P]``, for embeddings ``[R, D]``."""
-        prepare = self._networks[2]
-        if prepare is None:
-            return embedding
-        return prepare(embedding.unsqueeze(1)).squeeze(1)
 
     @torch.no_grad()
     def _reset(
@@ -242,29 +236,32 @@ class WaypointMemory(Transform):
         reset_keys = ["_reset"] if self.parent is None else self.parent.reset_keys
         rows = reset_rows(tensordict, reset_keys, shape).to(flat.device).reshape(-1)
         envs = rows.nonzero().squeeze(-1)
-        # Rows that go on are shown anything, and TorchRL keeps what they had.
-        if len(envs):
-            embedding = self._networks[0](flat[envs]).float()
-            self._check_numbers(embedding, None)
-            self.slots.restart(envs)
-            first = torch.zeros_like(envs)
-            self.slots.store(envs, first, self._entries(embedding), flat[envs])
-            everywhere = embedding.new_zeros(len(flat), embedding.shape[-1])
-            everywhere[envs] = embedding
-        else:
-            length = self._embedding_length(flat[:1])
-            everywhere = torch.zeros(len(flat), length, device=flat.device)
+        embedding = self._begin(envs, flat)
+        waypoint, visits = rows.long() - 1, rows.long()
+        nothing_like = torch.zeros_like(rows, dtype=torch.float32)
         self._write(
             tensordict_reset,
             shape,
-            everywhere,
-            rows.long() - 1,
-            torch.zeros_like(rows, dtype=torch.float32),
-            rows,
-            rows,
-            rows.long(),
+            (embedding, waypoint, nothing_like, rows, rows.clone(), visits),
         )
         return tensordict_reset
+
+    def _begin(self, envs: Tensor, views: Tensor) -> Tensor:
+        """Make the views of the rows ``envs`` first waypoints; their embeddings.
+
+        Rows that go on are shown anything, and TorchRL keeps what they had.
+        """
+        if not len(envs):
+            length = self.similarity.embedding_length(views[:1])
+            return torch.zeros(len(views), length, device=views.device)
+        begun = self.similarity.embed(views[envs])
+        self.similarity.check(begun)
+        self.slots.restart(envs)
+        entry = self.similarity.entries(begun)
+        self.slots.store(envs, torch.zeros_like(envs), entry, views[envs])
+        embedding = begun.new_zeros(len(views), begun.shape[-1])
+        embedding[envs] = begun
+        return embedding
 
     @torch.no_grad()
     def _step(
@@ -274,7 +271,7 @@ class WaypointMemory(Transform):
         shape, flat = views.shape[:-3], views.reshape(-1, *views.shape[-3:])
         slots = self.slots
         slots.follow(len(flat), flat.device)
-        embedding = self._networks[0](flat).float()
+        embedding = self.similarity.embed(flat)
         known = self._compare(embedding)
         similarity, nearest = known.max(-1)
         if self.aggregate != "max":
@@ -285,17 +282,13 @@ class WaypointMemory(Transform):
         self._decisions_blind += 1
         if self._is_near(flat.device) or self._decisions_blind >= _LOOK_EVERY:
             self._decisions_blind = 0
-            self._check_numbers(embedding, known)
+            self.similarity.check(embedding, known)
             slots.look()
+        similarity = similarity.clamp(0.0, 1.0)
         self._write(
             next_tensordict,
             shape,
-            embedding,
-            waypoint,
-            similarity.clamp(0.0, 1.0),
-            novel,
-            born,
-            visits,
+            (embedding, waypoint, similarity, novel, born, visits),
         )
         return next_tensordict
 
@@ -305,7 +298,7 @@ class WaypointMemory(Transform):
         if not num_slots:
             return embedding.new_zeros(len(embedding), 1)
         memory = self.slots.memory[:, :num_slots]
-        known = self._networks[1](embedding, memory).float()
+        known = self.similarity.compare(embedding, memory)
         return known.masked_fill(~self.slots.live, 0.0)
 
     def _store_births(
@@ -314,37 +307,18 @@ class WaypointMemory(Transform):
         if self._is_near(born.device):
             envs = born.nonzero().squeeze(-1)
             if len(envs):
-                entry = self._entries(embedding[envs])
+                entry = self.similarity.entries(embedding[envs])
                 self.slots.store(envs, waypoint[envs], entry, views[envs])
             return
         # How many there are is not asked, so that the device is not waited for.
         envs = torch.arange(len(born), device=born.device)
-        entry = self._entries(embedding)
+        entry = self.similarity.entries(embedding)
         self.slots.store(envs, waypoint.clamp(min=0), entry, views, only=born)
 
-    def _check_numbers(self, embedding: Tensor, known: Tensor | None) -> None:
-        """Refuse what would silently count as novel; waits for the device."""
-        key = self.out_keys[0]
-        if not bool(embedding.sum().isfinite()):
-            broken = int((~embedding.isfinite()).any(-1).sum())
-            raise ValueError(
-                f"{key!r} must be finite, got NaN or infinity from embed() in "
-                f"{broken} of {len(embedding)} views of {self.in_keys[0]!r}"
-            )
-        if known is None:
-            return
-        low, high = (float(end) for end in known.aminmax())
-        # A comparison with NaN is false.
-        if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
-            raise ValueError(
-                f"{self.out_keys[2]!r} must be in [0, 1], got {low} to {high} from "
-                "compare()"
-            )
-
     def _write(
-        self, tensordict: TensorDictBase, shape: torch.Size, *values: Tensor
+        self, tensordict: TensorDictBase, shape: torch.Size, values: Sequence[Tensor]
     ) -> None:
-        """Set all ``out_keys``, the last of which is the number of waypoints."""
+        """Set all ``out_keys``: ``values`` and the number of waypoints."""
         embedding, *flags = values
         flags.append(self.slots.num_waypoints.clone())
         tensordict.set(self.out_keys[0], embedding.reshape(*shape, -1))
@@ -362,7 +336,7 @@ class WaypointMemory(Transform):
         one = view.zero().reshape(-1, *view.shape[-3:])[:1]
         number = Unbounded(shape=(*shape, 1), dtype=torch.int64, device=device)
         truth = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=device)
-        length = self._embedding_length(one)
+        length = self.similarity.embedding_length(one)
         specs = [
             Unbounded(shape=(*shape, length), dtype=torch.float32, device=device),
             number,
@@ -375,23 +349,3 @@ class WaypointMemory(Transform):
         for key, spec in zip(self.out_keys, specs, strict=True):
             observation_spec[key] = spec
         return observation_spec
-
-    @torch.no_grad()
-    def _embedding_length(self, view: Tensor) -> int:
-        """Try the callables on one view, ``[1, H, W, C]``, when it is the first."""
-        if view.shape in self._embedding_lengths:
-            return self._embedding_lengths[view.shape]
-        embedding = self._networks[0](view)
-        if embedding.ndim != 2 or len(embedding) != 1:
-            raise ValueError(
-                f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
-            )
-        memory = self._entries(embedding.float()).unsqueeze(1)
-        similarity = self._networks[1](embedding.float(), memory)
-        if similarity.shape != (1, 1):
-            raise ValueError(
-                f"compare must return [N, M], got {list(similarity.shape)} for N = 1 "
-                "and M = 1"
-            )
-        self._embedding_lengths[view.shape] = embedding.shape[-1]
-        return embedding.shape[-1]
