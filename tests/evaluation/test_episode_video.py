@@ -7,7 +7,7 @@ import torch
 from matplotlib.colors import to_rgb
 
 from tests.evaluation import episodes
-from toponav.evaluation import draw_plan, explored_frames
+from toponav.evaluation import EpisodeTrace, draw_plan, explored_frames
 from toponav.evaluation.episode_video import caption
 from toponav.evaluation.exploration_map import FALSE_WAYPOINT
 
@@ -68,8 +68,16 @@ def test_the_caption_counts_up_to_its_frame() -> None:
 def test_the_caption_fits_below_the_pictures() -> None:
     # As wide as maze3 makes it, at the default height.
     wide = partial(draw_plan, open_mask=torch.ones(11, 13, dtype=torch.bool))
-    views = np.zeros((1, 120, 160, 3), np.uint8)
-    (frame,) = explored_frames(episodes.trace(), views, draw=wide, every=9)
+    # 1,801 observations with 216 waypoints, 72 of them false.
+    trace = EpisodeTrace(
+        **{
+            name: np.tile(values.T, 361)[..., :1801].T
+            for name, values in vars(episodes.trace()).items()
+        }
+    )
+    trace.born[360:] = trace.false_birth[360:] = False
+    views = np.zeros((2, 120, 160, 3), np.uint8)
+    _, frame = explored_frames(trace, views, draw=wide, every=1800)
     assert frame.shape[0] == 326
     strip = frame[300:]
     assert (strip[:, -3:] == 255).all()

@@ -16,7 +16,7 @@ from toponav.evaluation.exploration_map import (
 from toponav.evaluation.plan import INK, VALUE_COLOURS
 from toponav.evaluation.video import Frame, PlanRenderer, side_by_side
 
-_FONT_SIZE = 14
+_FONT_SIZE = 13
 _STRIP = 26
 _BAR = 70
 _GAP = 8
