@@ -101,7 +101,7 @@ def _strip(
     x = width - sum(labels) - _BAR - 2 * _GAP
     # Columns stay where they are while the numbers grow.
     columns = [pen.textlength(text, font) for text in widest]
-    space = max((x - sum(columns)) / len(columns), 0)
+    space = max((x - _GAP - sum(columns)) / len(columns), 0)
     left = float(_GAP)
     for text, column in zip(texts, columns, strict=True):
         pen.text((left, 4), text, INK, font)
