@@ -29,32 +29,27 @@ from toponav.builders import (
     POLICY,
     CollectionError,
     EpisodeLog,
-    ExplorationState,
+    ExplorationReport,
     Learner,
-    Means,
-    OnlineLearning,
-    Row,
+    Timer,
     collect_batches,
     evaluate_policies,
     keep_freed_memory,
     make_actor_critic,
     make_device,
     make_explore_collector,
-    make_loggers,
     make_mailbox,
-    make_metrics,
     make_novelty,
+    make_online_learning,
     prepare_networks,
     require_finite,
-    restore_exploration,
     save_exploration,
     save_networks,
+    start_exploration,
+    stop_collector,
     summarize_evaluation,
     write_episode_video,
     write_evaluation,
-    write_map,
-    write_metrics,
-    write_training_curves,
 )
 from toponav.config import ExploreConfig
 from toponav.evaluation import RandomPolicy, StickyPolicy
@@ -68,22 +63,20 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     """Pre-train or find networks, explore, evaluate."""
     torch.set_num_threads(settings.threads or torch.get_num_threads())
     keep_freed_memory()
-    device = make_device(settings.device)
 
-    # The networks that judge views; what they were made with goes before settings.
+    # Networks that judge views: given, found or made. They bring their own model.
     networks = prepare_networks(settings, folder, PRETRAIN)
     settings = replace(settings, model=networks.model)
     novelty = make_novelty(networks, settings.reward)
-    online = OnlineLearning(settings, networks) if settings.online.learn else None
+    online = make_online_learning(settings, networks)
 
     # The explorer and what it learns with: fresh, or as they were at the cut.
     torch.manual_seed(settings.seed)
-    policy = make_actor_critic(settings).to(device)
+    policy = make_actor_critic(settings).to(make_device(settings.device))
     check = partial(require_finite, folder=folder, setting="loss.lr")
     learner = Learner(settings, policy, check=check)
-    state = ExplorationState()
-    if settings.resume:
-        state = restore_exploration(folder, learner, online)
+    resume = settings.resume is not None
+    state = start_exploration(folder, learner, online, resume=resume)
     save = partial(save_exploration, folder, state, learner, online)
     collect, every, maze = settings.collect, settings.report, settings.maze
     paid = "coverage" if settings.reward.kind == "coverage" else "intrinsic_return"
@@ -104,47 +97,6 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     collector = make_explore_collector(settings, mailbox, decisions=state.decisions)
     batches = collect_batches(collector, max_idle_s=collect.max_idle_s)
     log = EpisodeLog(collect.envs, maze.episode_length, state.episodes)
-    state.episodes = log.rows
-    loggers, means, ended = make_loggers(folder), Means(), list[Row]()
-
-    def progress() -> float:
-        """How much of the run is over, by decisions or by the clock."""
-        by_clock = state.seconds / (60 * collect.minutes) if collect.minutes else 0.0
-        return min(1.0, max(state.decisions / collect.decisions, by_clock))
-
-    def report() -> None:
-        """Write a row of metrics and put its gist on the live line."""
-        last = state.history[-1] if state.history else {"decisions": 0, "seconds": 0.0}
-        rate = (state.decisions - last["decisions"]) / (state.seconds - last["seconds"])
-        counts = {
-            "decisions": state.decisions,
-            "seconds": state.seconds,
-            "decisions_per_second": rate,
-            "lr": learner.lr,
-            "policy_version": state.policy_version,
-            "networks_version": state.networks_version,
-        }
-        row = make_metrics(counts, ended, log.rows, means.take())
-        state.history.append(row)
-        write_metrics(folder, loggers, state.history, log.rows)
-        ended.clear()
-        bar.set_postfix(
-            coverage=f"{row['coverage']:.0%}",
-            waypoints=f"{row['waypoints']:.0f}",
-            intrinsic=f"{row['intrinsic_return']:.0f}",
-            objective=f"{row['loss_objective']:.3f}",
-            critic=f"{row['loss_critic']:.3f}",
-            entropy=f"{row['entropy']:.2f}",
-        )
-
-    def draw() -> None:
-        """Renew the pictures."""
-        write_training_curves(
-            folder, state.history, log.rows, levels=state.levels, title=maze.name
-        )
-        if log.last_episode is not None:
-            write_map(folder, maze, log.last_episode)
-
     bar = tqdm(
         desc="explore",
         total=collect.decisions,
@@ -152,49 +104,46 @@ def main(settings: ExploreConfig, folder: Path) -> None:
         unit="decision",
         smoothing=0.05,
     )
-    saved = drawn = time.monotonic()
-    started = saved - state.seconds
+    report = ExplorationReport(settings, folder, state, log, bar)
+    saving, drawing = Timer(every.save_every_s), Timer(every.pictures_every_s)
+    started = time.monotonic() - state.seconds
     try:
-        while progress() < 1:
+        while state.progress(collect) < 1:
             # Collect what the others did with the policy of a moment ago.
             batch = next(batches)
             state.decisions += batch.numel()
             state.seconds = time.monotonic() - started
-            finished = log.add(batch, state.decisions)
-            ended += finished
+            ended = log.add(batch, state.decisions)
 
             # Learn from it; the others fetch the new policy before their next rollout.
-            means.add(learner.learn(batch, progress()))
+            measured = learner.learn(batch, state.progress(collect))
             state.policy_version = mailbox.publish(POLICY, policy)
-            if finished:
+            if ended:
                 state.consider(policy, paid, every.best_of)
 
             # The networks learn on, and now and then the others get a new version.
             if online is not None:
-                online.add(batch)
-                while online.is_due():
-                    means.add(online.update())
-                if online.is_version_due():
+                losses, is_version_due = online.learn(batch)
+                measured |= losses
+                if is_version_due:
                     state.networks_version = mailbox.publish(NETWORKS, novelty)
 
             # Say, save, draw.
+            is_last = state.progress(collect) == 1
             bar.update(batch.numel())
-            reported = state.history[-1]["decisions"] if state.history else 0
-            if state.decisions - reported >= every.every or progress() == 1:
-                report()
-            now = time.monotonic()
-            if now - saved > every.save_every_s or progress() == 1:
+            report.add(measured, ended, lr=learner.lr)
+            if report.is_due() or is_last:
+                report.write_row()
+            if saving.is_due() or is_last:
                 save()
-                saved = now
-            if now - drawn > every.pictures_every_s or progress() == 1:
-                draw()
-                drawn = time.monotonic()
+            if drawing.is_due() or is_last:
+                report.draw()
     except (CollectionError, KeyboardInterrupt, SystemExit):
         save()
         raise
     finally:
         bar.close()
-        collector.shutdown(raise_on_error=False)
+        stop_collector(collector)
 
     # Whole episodes of the best and of the last policy, judged by the truth.
     save_networks(networks, folder / NETWORKS_FILE)

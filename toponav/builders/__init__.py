@@ -15,16 +15,12 @@ from toponav.builders.exploration_evaluation import (
     summarize_evaluation,
     write_evaluation,
 )
-from toponav.builders.exploration_files import Means, make_metrics, write_metrics
-from toponav.builders.exploration_pictures import (
-    write_episode_video,
-    write_map,
-    write_training_curves,
-)
+from toponav.builders.exploration_pictures import write_episode_video
+from toponav.builders.exploration_report import ExplorationReport, Timer
 from toponav.builders.exploration_state import (
     ExplorationState,
-    restore_exploration,
     save_exploration,
+    start_exploration,
 )
 from toponav.builders.explore_collector import (
     NETWORKS,
@@ -33,6 +29,7 @@ from toponav.builders.explore_collector import (
     collect_batches,
     make_explore_collector,
     make_mailbox,
+    stop_collector,
 )
 from toponav.builders.explore_env import make_actor_critic, make_explore_env
 from toponav.builders.learner import Learner
@@ -46,7 +43,7 @@ from toponav.builders.networks import (
     start_networks,
 )
 from toponav.builders.novelty import Novelty, make_novelty
-from toponav.builders.online import OnlineLearning
+from toponav.builders.online import make_online_learning
 from toponav.builders.pretraining import prepare_networks
 from toponav.builders.process_memory import keep_freed_memory
 from toponav.builders.report import calibrate, embed_sequences, summarize, write_reports
@@ -77,13 +74,13 @@ __all__ = [
     "CollectionError",
     "EpisodeLog",
     "Evaluation",
+    "ExplorationReport",
     "ExplorationState",
     "Learner",
-    "Means",
     "Networks",
     "Novelty",
-    "OnlineLearning",
     "Row",
+    "Timer",
     "Validation",
     "calibrate",
     "collect_batches",
@@ -108,9 +105,9 @@ __all__ = [
     "make_loggers",
     "make_losses",
     "make_mailbox",
-    "make_metrics",
     "make_networks",
     "make_novelty",
+    "make_online_learning",
     "make_optimizer",
     "make_pair_source",
     "mean_of",
@@ -118,21 +115,19 @@ __all__ = [
     "report_exploration",
     "report_pretraining",
     "require_finite",
-    "restore_exploration",
     "restore_training",
     "save_exploration",
     "save_networks",
     "save_training",
     "split_mazes",
+    "start_exploration",
     "start_networks",
+    "stop_collector",
     "summarize",
     "summarize_evaluation",
     "write_episode_video",
     "write_evaluation",
-    "write_map",
     "write_measurements",
-    "write_metrics",
     "write_reports",
     "write_text",
-    "write_training_curves",
 ]

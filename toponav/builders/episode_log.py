@@ -43,17 +43,17 @@ class EpisodeLog:
     Args:
         num_envs: environments over all processes.
         episode_length: decisions of a whole episode.
-        rows: finished episodes of an earlier part of the run.
+        rows: finished episodes of an earlier part of the run; new ones are added.
 
     Shape notation:
         E: environments of a batch.  T: decisions of a rollout.
     """
 
     def __init__(
-        self, num_envs: int, episode_length: int, rows: Sequence[Row] = ()
+        self, num_envs: int, episode_length: int, rows: list[Row] | None = None
     ) -> None:
         self.episode_length = episode_length
-        self.rows = list(rows)
+        self.rows: list[Row] = [] if rows is None else rows
         self._sums = torch.zeros(len(_SUMS), num_envs, dtype=torch.float64)
         self._pieces: list[TensorDictBase] = []
         #: ``[T]``; the last whole episode of the first environment, for pictures.

@@ -81,29 +81,3 @@ def write_metrics(
     write_history(folder / "metrics.csv", history)
     if episodes:
         write_history(folder / "episodes.csv", episodes)
-
-
-class Means:
-    """Means of measurements, until they are taken.
-
-    Examples:
-        >>> means = Means()
-        >>> means.add({"loss": 1.0})
-        >>> means.add({"loss": 3.0})
-        >>> means.take(), means.take()
-        ({'loss': 2.0}, {})
-    """
-
-    def __init__(self) -> None:
-        self._values: dict[str, list[float]] = {}
-
-    def add(self, measured: Mapping[str, float]) -> None:
-        """Count one measurement."""
-        for name, value in measured.items():
-            self._values.setdefault(name, []).append(value)
-
-    def take(self) -> Row:
-        """The means so far; what follows starts anew."""
-        means = {name: sum(all_) / len(all_) for name, all_ in self._values.items()}
-        self._values = {}
-        return means

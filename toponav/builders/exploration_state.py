@@ -13,7 +13,7 @@ from toponav.builders.episode_log import Row, mean_of
 from toponav.builders.learner import Learner
 from toponav.builders.online import OnlineLearning
 from toponav.builders.training import CHECKPOINT_FILE
-from toponav.config import SettingsError
+from toponav.config import ExploreCollectConfig, SettingsError
 
 #: The file in a run folder that holds the best policy.
 POLICY_FILE = "policy.pt"
@@ -49,6 +49,11 @@ class ExplorationState:
     best_version: int = 0
     best_decisions: int = 0
     best_policy: dict[str, Tensor] | None = None
+
+    def progress(self, collect: ExploreCollectConfig) -> float:
+        """How much of the run is over, by decisions or by the clock, in [0, 1]."""
+        by_clock = self.seconds / (60 * collect.minutes) if collect.minutes else 0.0
+        return min(1.0, max(self.decisions / collect.decisions, by_clock))
 
     @property
     def levels(self) -> dict[str, float]:
@@ -122,21 +127,27 @@ def save_exploration(
     save_atomically({"kind": "toponav policy", "weights": best}, folder / POLICY_FILE)
 
 
-def restore_exploration(
-    folder: Path, learner: Learner, online: OnlineLearning | None
+def start_exploration(
+    folder: Path,
+    learner: Learner,
+    online: OnlineLearning | None,
+    *,
+    resume: bool,
 ) -> ExplorationState:
-    """Read what `save_exploration` wrote into the same objects.
+    """A fresh run, or what `save_exploration` wrote, read into the same objects.
 
     Args:
-        folder: the run folder; without a checkpoint the run begins at its start.
+        folder: the run folder.
         learner: gets weights, optimiser and the scale of rewards.
         online: gets the networks' weights and optimiser.
+        resume: whether to go on; a run that was cut off before its first checkpoint
+            begins at its start.
 
     Raises:
         SettingsError: if the checkpoint is damaged or of other settings.
     """
     path = folder / CHECKPOINT_FILE
-    if not path.is_file():
+    if not (resume and path.is_file()):
         return ExplorationState()
     found: dict[str, Any] = load_checkpoint(path, "resume")
     if found.get("kind") != _KIND or found.get("version") != _VERSION:

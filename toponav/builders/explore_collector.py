@@ -102,8 +102,8 @@ def make_explore_collector(
     learns from the last one; it then is at most two batches behind the newest weights.
     With ``sync`` all wait for the caller and hand over one batch together.
 
-    Iterate with `collect_batches`; shut it down in ``finally``; never ask it for its
-    state while it runs (it would drop a rollout and hang).
+    Iterate with `collect_batches`; end it in ``finally`` with `stop_collector`; never
+    ask it for its state while it runs (it would drop a rollout and hang).
 
     Args:
         config: settings of the run.
@@ -124,6 +124,7 @@ def make_explore_collector(
         "frames_per_batch": batch if asynchronous else batch * collect.workers,
         "total_frames": -1,
         "use_buffers": True,
+        "num_threads": torch.get_num_threads(),
         "weight_sync_schemes": {POLICY: NoWeightSyncScheme()},
         "auto_register_policy_transforms": False,
         "collector_class": partial(
@@ -223,6 +224,17 @@ def collect_batches(
         finally:
             watch.cancel()
         yield batch
+
+
+def stop_collector(collector: BaseCollector) -> None:
+    """Shut a collector down, whatever state its processes are in.
+
+    TorchRL then gives this process their threads too, with which small operations take
+    a hundred times as long on a busy machine; it keeps its own number here.
+    """
+    threads = torch.get_num_threads()
+    collector.shutdown(raise_on_error=False)
+    torch.set_num_threads(threads)
 
 
 def _end_processes(collector: BaseCollector, hung: threading.Event) -> None:

@@ -62,12 +62,26 @@ class OnlineLearning:
         if len(self.buffer) >= self.config.ahead:
             self._since_update += len(frames)
 
-    def is_due(self) -> bool:
-        """Whether an update is due; asking counts as making it."""
-        if self._since_update < self.config.every:
-            return False
-        self._since_update -= self.config.every
-        return True
+    def learn(self, batch: TensorDictBase) -> tuple[dict[str, float], bool]:
+        """Keep the views of a batch and make the updates that are due.
+
+        Args:
+            batch: ``[E, T]`` decisions with views, actions and episode numbers.
+
+        Returns:
+            Means of both losses, nothing if no update was due; and whether the time
+            for a new version has come.
+        """
+        self.add(batch)
+        measured = []
+        while self._since_update >= self.config.every:
+            self._since_update -= self.config.every
+            measured.append(self.update())
+        means = {
+            name: sum(one[name] for one in measured) / len(measured)
+            for name in (measured[0] if measured else ())
+        }
+        return means, self.is_version_due()
 
     def is_version_due(self) -> bool:
         """Whether a version should be published; asking counts as doing it."""
@@ -110,3 +124,10 @@ class OnlineLearning:
         self.networks.modules.load_state_dict(state["weights"])  # type: ignore[arg-type]
         self.optimizer.load_state_dict(state["optimizer"])  # type: ignore[arg-type]
         self.generator.set_state(state["generator"])  # type: ignore[arg-type]
+
+
+def make_online_learning(
+    config: ExploreConfig, networks: Networks
+) -> OnlineLearning | None:
+    """`OnlineLearning` if the settings want it."""
+    return OnlineLearning(config, networks) if config.online.learn else None

@@ -75,5 +75,5 @@ class CountReward(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self._call(tensordict)
 
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        return declare_reward(self, reward_spec)
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        return declare_reward(self, output_spec)

@@ -81,7 +81,7 @@ class IntrinsicReward(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self._call(tensordict)
 
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
         for part in getattr(self.parent, "transform", ()) or ():
             if not isinstance(part, CountReward | TemporalDistanceReward):
                 continue
@@ -90,4 +90,4 @@ class IntrinsicReward(Transform):
                     f"combine must be that of {type(part).__name__}, "
                     f"{part.combine!r}, got {self.combine!r}"
                 )
-        return declare_reward(self, reward_spec)
+        return declare_reward(self, output_spec)

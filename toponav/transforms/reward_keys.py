@@ -22,21 +22,28 @@ def check_num_keys(transform: Transform, num_in: int, num_out: int = 1) -> None:
         )
 
 
-def declare_reward(transform: Transform, reward_spec: Composite) -> Composite:
+def declare_reward(transform: Transform, output_spec: Composite) -> Composite:
     """Add a transform's ``out_keys[0]`` beside the rewards that are there.
 
-    Its shape is that of ``in_keys[0]``.
+    Its shape is that of ``in_keys[0]``. For ``transform_output_spec``, where
+    observations and rewards are at hand together: asking ``parent`` for them makes all
+    specs anew for each transform before it, which doubles the work with every reward.
 
     Args:
-        transform: in an env, with ``in_keys`` among its observations and rewards.
-        reward_spec: changed in place.
+        transform: with ``in_keys`` among the observations and rewards.
+        output_spec: of the env without the transform; left alone.
+
+    Returns:
+        The spec with the new reward.
 
     Raises:
         ValueError: if a key is missing.
     """
+    output_spec = output_spec.clone()
+    reward_spec = output_spec["full_reward_spec"]
     found = {}
     for key in transform.in_keys:
-        for spec in (reward_spec, transform.parent.observation_spec):
+        for spec in (reward_spec, output_spec["full_observation_spec"]):
             if key in spec.keys(True, True):
                 found[key] = spec[key]
         if key not in found:
@@ -48,4 +55,4 @@ def declare_reward(transform: Transform, reward_spec: Composite) -> Composite:
     reward_spec[transform.out_keys[0]] = Unbounded(
         shape=model.shape, dtype=torch.float32, device=model.device
     )
-    return reward_spec
+    return output_spec

@@ -93,5 +93,5 @@ class TemporalDistanceReward(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self._call(tensordict)
 
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        return declare_reward(self, reward_spec)
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        return declare_reward(self, output_spec)
