@@ -81,6 +81,16 @@ def test_a_new_episode_forgets_only_the_rows_that_restart():
     assert false(step(truth, at((900, 0, 0), (900, 0, 0)))) == [True, False]
 
 
+def test_an_env_with_fewer_births_reads_none_that_are_not_its_own():
+    truth = WaypointTruth()
+    reset(truth, at((900, 0, 0), (900, 0, 0)))
+    step(truth, at((300, 0, 0), (0, 0, 0), born=[True, False]))
+    # Nothing was born at 0 in the second env, nor at 900 since the first one's reset.
+    assert false(step(truth, at((600, 0, 0), (0, 0, 0)))) == [False, False]
+    reset(truth, at((0, 0, 0), (0, 0, 0)), [True, False])
+    assert false(step(truth, at((300, 0, 0), (0, 0, 0)))) == [False, True]
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     way=st.lists(
