@@ -1,5 +1,6 @@
 """Episodes by which an exploration is judged, with walks that see nothing beside."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from toponav.builders.episode_log import Row, mean_of
 from toponav.builders.explore_collector import seed_of
 from toponav.builders.explore_env import COVERAGE_LEVELS, make_explore_env
-from toponav.builders.novelty import Novelty
+from toponav.builders.novelty import Novelty, for_use
 from toponav.builders.run_files import write_history
 from toponav.config import ExploreConfig
 from toponav.evaluation import RandomPolicy, StickyPolicy
@@ -111,6 +112,7 @@ def evaluate_policies(
         for name, policy in policies.items()
     }
     rows = min(max(wanted.values()), _MAX_ENVS)
+    novelty = for_use(copy.deepcopy(novelty), config.model)
     env = make_explore_env(config, novelty, envs=rows, seed=0)
     rounds = {name: -(-number // rows) for name, number in wanted.items()}
     bar = tqdm(

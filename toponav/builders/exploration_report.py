@@ -1,5 +1,6 @@
 """`ExplorationReport`: what a run says while it explores."""
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -74,12 +75,7 @@ class ExplorationReport:
         self._ended = []
         state.history.append(row)
         write_metrics(self.folder, self.loggers, state.history, self.log.rows)
-        self.bar.set_postfix_str(
-            f"coverage {row['coverage']:.0%}, waypoints {row['waypoints']:.0f}, "
-            f"return {row['intrinsic_return']:.0f}, "
-            f"objective {row['loss_objective']:.3f}, critic {row['loss_critic']:.3f}, "
-            f"entropy {row['entropy']:.2f}"
-        )
+        self.bar.set_postfix_str(gist(row))
 
     def draw(self) -> None:
         """Renew the pictures."""
@@ -93,6 +89,26 @@ class ExplorationReport:
         )
         if self.log.last_episode is not None:
             write_map(self.folder, maze, self.log.last_episode)
+
+
+def gist(row: Row) -> str:
+    """A row of metrics for the live line; before the first episode ended, its losses.
+
+    Examples:
+        >>> row = {"loss_objective": -0.004, "loss_critic": 0.1, "entropy": 1.75}
+        >>> gist(row | {"episodes": 0, "coverage": math.nan})
+        'objective -0.004, critic 0.100, entropy 1.75'
+    """
+    losses = (
+        f"objective {row['loss_objective']:.3f}, critic {row['loss_critic']:.3f}, "
+        f"entropy {row['entropy']:.2f}"
+    )
+    if math.isnan(row["coverage"]):
+        return losses
+    return (
+        f"coverage {row['coverage']:.0%}, waypoints {row['waypoints']:.0f}, "
+        f"return {row['intrinsic_return']:.0f}, {losses}"
+    )
 
 
 class Timer:

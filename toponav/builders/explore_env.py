@@ -6,14 +6,13 @@ from torch import Tensor
 from torchrl.envs import Compose, EnvBase, InitTracker, StepCounter, TransformedEnv
 from torchrl.envs.transforms import Transform
 
-from toponav.builders.devices import make_autocast
 from toponav.builders.mazes import make_env
 from toponav.builders.novelty import Novelty
 from toponav.collectors import StaggeredEpisodes
 from toponav.config import ExploreConfig
 from toponav.envs import DoomMazeEnv
 from toponav.keys import COVERAGE_REWARD, INTRINSIC_REWARD
-from toponav.modules import ActorCritic
+from toponav.modules import ActorCritic, TCNetwork
 from toponav.transforms import (
     AreaDownsample,
     CountReward,
@@ -105,17 +104,18 @@ def _make_views(config: ExploreConfig, *, seed: int) -> list[Transform]:
 def make_memory(config: ExploreConfig, novelty: Novelty) -> WaypointMemory:
     """The memory of waypoints; it keeps their views only if the networks change."""
     reward, tc = config.reward, novelty.tc
-    # Wide products are twice as fast in bfloat16; the small encoder has none.
-    autocast = make_autocast(torch.device("cpu"), bf16=not config.halve)
+    dtype = tc_dtype(tc)
 
-    def embed(views: Tensor) -> Tensor:
-        with autocast:
-            return tc.embed(views)
+    def compare(embedding: Tensor, prepared: Tensor) -> Tensor:
+        return tc.compare_prepared(embedding.to(dtype), prepared.to(dtype))
+
+    def prepare(memory: Tensor) -> Tensor:
+        return tc.prepare_memory(memory.to(dtype)).float()
 
     return WaypointMemory(
-        embed,
-        tc.compare_prepared,
-        prepare=tc.prepare_memory,
+        tc.embed,
+        compare,
+        prepare=prepare,
         capacity=reward.capacity,
         threshold=float(novelty.threshold),
         replacement=reward.replacement,  # type: ignore[arg-type]
@@ -125,6 +125,11 @@ def make_memory(config: ExploreConfig, novelty: Novelty) -> WaypointMemory:
         aggregate="max" if reward.aggregate == "max" else float(reward.aggregate),
         keep_images=config.online.learn,
     )
+
+
+def tc_dtype(tc: TCNetwork) -> torch.dtype:
+    """In which precision a TC-network computes."""
+    return next(tc.parameters()).dtype
 
 
 def _make_rewards(config: ExploreConfig) -> list[Transform]:

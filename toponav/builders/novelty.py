@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor, nn
 
+from toponav.builders.devices import has_fast_bf16
 from toponav.builders.networks import Networks, make_networks
 from toponav.config import ModelConfig, RewardConfig, SettingsError
 from toponav.modules import TCNetwork
@@ -68,7 +69,18 @@ def reward_threshold(thresholds: dict[str, float], reward: RewardConfig) -> floa
 
 
 def make_empty_novelty(model: ModelConfig) -> Novelty:
-    """One to be filled from a mailbox."""
+    """One to be filled from a mailbox, in the precision to use it in."""
     novelty = Novelty(make_networks(model).tc)
     novelty.eval()
+    return for_use(novelty, model)
+
+
+def for_use(novelty: Novelty, model: ModelConfig) -> Novelty:
+    """The same in bfloat16, in place, where that is faster: not for training.
+
+    ResNet-18 takes half the time, the small encoder gains nothing. Casting at each
+    call, as autocast does, would take a third of the gain away.
+    """
+    if model.encoder == "resnet18" and has_fast_bf16(torch.device("cpu")):
+        novelty.tc.bfloat16()
     return novelty

@@ -1,0 +1,199 @@
+"""Speed of exploration all in, against a roof made of its parts in the same run.
+
+    python benchmarks/explore_speed.py --out results/explore_speed.json
+    python benchmarks/explore_speed.py --profile resnet18 --out results/resnet18.json
+
+The loop of ``recipes/explore.py`` runs for a while: other processes walk the maze with
+the policy, look every view up in the memory, and this one learns. Then each part is
+timed alone, on one thread: a decision of the engines, embedding a view, comparing it
+with the memory, a decision of the policy, learning from it. The roof is what all cores
+would do if they did nothing else and never waited for each other:
+``cores / (sum of the parts)``.
+
+- ``laptop``: the small networks, the policy on the embedding, PPO; about 25 waypoints,
+  as at the threshold for rewards. Target 1,000 decisions/s on two quiet cores.
+- ``resnet18``: the paper's network, 8 mazes, a full memory of 200. Target 0.7 of the
+  roof.
+
+The networks are untrained: that changes no shape. A threshold of almost 1 makes every
+view novel, so that the memory fills up at once and stays at the profile's size. Times
+of parts are the best of several windows; the rate all in is that of the best window,
+and its mean is beside it. The load average says how far to trust them.
+"""
+
+import argparse
+import copy
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from tensordict import TensorDictBase
+
+from toponav.builders import (
+    POLICY,
+    Learner,
+    Novelty,
+    collect_batches,
+    keep_freed_memory,
+    make_actor_critic,
+    make_env,
+    make_explore_collector,
+    make_explore_env,
+    make_mailbox,
+    make_networks,
+    stop_collector,
+)
+from toponav.builders.explore_env import make_memory, tc_dtype
+from toponav.builders.novelty import for_use
+from toponav.config import ExploreConfig, register
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
+PROFILES = {
+    "laptop": ["scale=laptop", "reward.capacity=25"],
+    "resnet18": [
+        "scale=paper",
+        "policy.input=embedding",
+        "online.learn=false",
+        "collect.envs=8",
+        "collect.workers=2",
+        "reward.capacity=200",
+    ],
+}
+ALWAYS_NOVEL = ["reward.threshold=0.999", "reward.persistence=1"]
+WINDOWS = 12
+
+
+def make_settings(profile: str, overrides: list[str]) -> ExploreConfig:
+    """Settings of a profile."""
+    register()
+    words = [*PROFILES[profile], *ALWAYS_NOVEL, *overrides]
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        settings = OmegaConf.to_object(compose("explore", overrides=words))
+    assert isinstance(settings, ExploreConfig)
+    return settings
+
+
+def best_seconds(call: Callable[[], object], windows: int = WINDOWS) -> float:
+    """The shortest time of a call."""
+    call()
+    best = float("inf")
+    for _ in range(windows):
+        start = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - start)
+    return best
+
+
+def run_all_in(
+    settings: ExploreConfig, novelty: Novelty, learner: Learner, seconds: float
+) -> tuple[float, float, TensorDictBase]:
+    """Explore and learn; the best and the mean rate, and the last batch."""
+    mailbox = make_mailbox(learner.policy, novelty)
+    collector = make_explore_collector(settings, mailbox)
+    batches = collect_batches(collector, max_idle_s=settings.collect.max_idle_s)
+    # One window is a few batches: single ones come in bursts.
+    per_window, rates, done = 2 * settings.collect.workers, [], 0
+    try:
+        for _ in range(2 * per_window):  # the memories fill up
+            batch = next(batches)
+        end = time.perf_counter() + seconds
+        began = time.perf_counter()
+        while time.perf_counter() < end:
+            start = time.perf_counter()
+            for _ in range(per_window):
+                batch = next(batches)
+                learner.learn(batch.clone(), 0.0)
+                mailbox.publish(POLICY, learner.policy)
+            done += per_window * batch.numel()
+            rates.append(per_window * batch.numel() / (time.perf_counter() - start))
+        mean = done / (time.perf_counter() - began)
+    finally:
+        stop_collector(collector)
+    return max(rates), mean, batch
+
+
+@torch.no_grad()
+def time_env(settings: ExploreConfig, envs: int) -> float:
+    """Seconds of the engines' cores for a decision: they draw on other threads."""
+    env = make_env(settings.maze, batch_size=envs, seed=0, privileged=True)
+    now = env.reset()
+    action = torch.zeros(envs, dtype=torch.int64)
+    seconds = best_seconds(lambda: env.step(now.set("action", action)), 50)
+    env.close()
+    return seconds / envs
+
+
+@torch.no_grad()
+def time_decision(
+    settings: ExploreConfig, novelty: Novelty, envs: int
+) -> dict[str, float]:
+    """Seconds of a decision: of the policy, of embedding and of comparing."""
+    env = make_explore_env(settings, novelty, envs=envs, seed=0)
+    policy, now = make_actor_critic(settings), env.reset()
+    seconds = {"policy": best_seconds(lambda: policy(now.clone()), 50) / envs}
+    env.close()
+    embed = make_memory(settings, novelty).similarity.embed
+    views = now["pixels"]
+    seconds["embed"] = best_seconds(lambda: embed(views)) / envs
+    memory = torch.randn(envs, settings.reward.capacity, settings.model.embedding_dim)
+    memory = memory.to(tc_dtype(novelty.tc))
+    prepared, one = novelty.tc.prepare_memory(memory), memory[:, 0]
+    compare = novelty.tc.compare_prepared
+    seconds["compare"] = best_seconds(lambda: compare(one, prepared)) / envs
+    return seconds
+
+
+def main() -> None:
+    """Measure one profile and print it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--profile", choices=PROFILES, default="laptop")
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    settings = make_settings(arguments.profile, arguments.overrides)
+    envs = settings.collect.envs // settings.collect.workers
+    networks = make_networks(settings.model)
+    networks.modules.eval()
+    novelty = Novelty(networks.tc, float(settings.reward.threshold))
+    used = for_use(copy.deepcopy(novelty), settings.model)
+    policy = make_actor_critic(settings)
+    learner = Learner(settings, policy, check=lambda figures, update: None)
+
+    best, mean, batch = run_all_in(settings, novelty, learner, arguments.seconds)
+    parts = {"engines": time_env(settings, envs)}
+    parts |= time_decision(settings, used, envs)
+    learn = best_seconds(lambda: learner.learn(batch.clone(), 0.0), 4)
+    parts["learn"] = learn / batch.numel()
+
+    cores = len(os.sched_getaffinity(0))
+    spent = cores / best
+    roof = cores / sum(parts.values())
+    shares = {name: seconds / spent for name, seconds in parts.items()}
+    shares["rest"] = 1 - sum(shares.values())
+    found = {
+        "profile": arguments.profile,
+        "overrides": arguments.overrides,
+        "decisions_per_second": best,
+        "mean_decisions_per_second": mean,
+        "roof": roof,
+        "ratio": best / roof,
+        "milliseconds_of_a_core": {name: 1e3 * s for name, s in parts.items()},
+        "shares": shares,
+        "cores": cores,
+        "load": os.getloadavg()[0],
+    }
+    print(json.dumps(found, indent=2))
+    if arguments.out is not None:
+        arguments.out.write_text(json.dumps(found, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

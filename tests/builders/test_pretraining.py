@@ -1,0 +1,116 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.builders.exploring import explore_settings
+from tests.test_conf import settings
+from toponav.builders import load_networks, make_networks, prepare_networks
+from toponav.builders.networks import save_networks
+from toponav.builders.pretraining import pretraining_overrides
+from toponav.config import ExploreConfig, PretrainConfig, SettingsError, TrainingError
+
+# Stands for the recipe: notes that it ran, and leaves the networks that it is given.
+SCRIPT = """
+import shutil, sys
+from pathlib import Path
+folder = [word for word in sys.argv if word.startswith("hydra.run.dir=")]
+words = folder or [word for word in sys.argv if word.startswith("resume=")]
+folder = Path(words[0].partition("=")[2].strip("'"))
+with open({noted!r}, "a") as file:
+    file.write(sys.argv[1] + "\\n")
+{rest}
+"""
+LEAVE = "shutil.copy({networks!r}, folder / 'networks.pt')"
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> ExploreConfig:
+    found = explore_settings(f"pretraining.folder={tmp_path}/pretrain")
+    networks = make_networks(found.model)
+    networks.thresholds = {"reward_threshold": 0.5}
+    save_networks(networks, tmp_path / "made.pt")
+    (tmp_path / "run").mkdir()
+    return found
+
+
+def write_script(folder: Path, rest: str = LEAVE) -> Path:
+    """A stand-in of the recipe; what it ran with is in ``noted``."""
+    script = folder / "pretrain.py"
+    rest = rest.format(networks=str(folder / "made.pt"))
+    script.write_text(SCRIPT.format(noted=str(folder / "noted"), rest=rest))
+    return script
+
+
+def test_a_pretraining_with_the_same_settings_is_found_again(
+    config: ExploreConfig, tmp_path: Path
+) -> None:
+    script = write_script(tmp_path)
+    for _ in range(2):
+        networks = prepare_networks(config, tmp_path / "run", script)
+        assert networks.thresholds == {"reward_threshold": 0.5}
+    assert (tmp_path / "noted").read_text() == "maze=maze3\n"
+    assert load_networks(tmp_path / "run").model == config.model
+    other = explore_settings(
+        f"pretraining.folder={tmp_path}/pretrain", "pretraining.seed=1"
+    )
+    prepare_networks(other, tmp_path / "run", script)
+    assert (tmp_path / "noted").read_text() == "maze=maze3\nmaze=maze3\n"
+
+
+def test_what_exploring_alone_depends_on_does_not_matter() -> None:
+    one = explore_settings("reward.alpha=0.5", "seed=3", "loss.lr=0.01")
+    assert pretraining_overrides(one) == pretraining_overrides(explore_settings())
+    for override in ("maze.texture_seed=1", "pairs.k=3", "model.projection_dim=7"):
+        other = explore_settings(override)
+        assert pretraining_overrides(other) != pretraining_overrides(one)
+
+
+@pytest.mark.parametrize("maze", ["maze3", "random", "file"])
+def test_the_command_line_composes_to_the_same_maze_and_model(
+    maze: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a maze.txt"
+    path.write_text("****\n*  *\n****\n")
+    words = [f"maze={maze}", "maze.loops=0.25"]
+    if maze == "file":
+        words.append(f"maze.path='{path}'")
+    config = explore_settings(*words)
+    found = settings("pretrain", *pretraining_overrides(config))
+    assert isinstance(found, PretrainConfig)
+    assert (found.maze, found.model, found.pairs) == (
+        config.maze,
+        config.model,
+        config.pairs,
+    )
+
+
+def test_another_maze_can_be_the_one_to_pretrain_in() -> None:
+    config = explore_settings(
+        "maze=maze1", "maze.blocked=[a]", "pretraining.maze=select"
+    )
+    found = settings("pretrain", *pretraining_overrides(config))
+    assert (found.maze.name, found.maze.blocked) == ("select", [])
+
+
+def test_one_that_was_cut_off_goes_on(config: ExploreConfig, tmp_path: Path) -> None:
+    script = write_script(tmp_path, "(folder / 'checkpoint.pt').touch(); sys.exit(3)")
+    with pytest.raises(TrainingError, match="must end well, got exit status 3"):
+        prepare_networks(config, tmp_path / "run", script)
+    prepare_networks(config, tmp_path / "run", write_script(tmp_path))
+    first, second = (tmp_path / "noted").read_text().split()
+    assert first == "maze=maze3"
+    assert second.startswith(f"resume='{tmp_path}/pretrain/maze3-smoke-")
+
+
+def test_one_that_leaves_nothing_is_told(config: ExploreConfig, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="must end with networks, got none"):
+        prepare_networks(config, tmp_path / "run", write_script(tmp_path, "pass"))
+
+
+def test_a_run_that_goes_on_keeps_its_networks(tmp_path: Path) -> None:
+    config = explore_settings(f"resume={tmp_path}", "pretrained=gone")
+    save_networks(make_networks(config.model), tmp_path / "networks.pt")
+    assert prepare_networks(config, tmp_path, Path(sys.executable)).thresholds == {}
+    with pytest.raises(SettingsError, match="pretrained must name a run with gone"):
+        prepare_networks(config, tmp_path / "other", Path(sys.executable))

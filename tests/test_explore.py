@@ -1,0 +1,267 @@
+"""The explore recipe, run as its users run it."""
+
+import csv
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+import torch
+
+from tests.builders.exploring import explore_settings
+from tests.test_conf import settings
+from toponav.builders import load_networks, make_actor_critic, make_networks
+from toponav.builders.networks import save_networks
+from toponav.config import SettingsError
+
+RECIPE = Path(__file__).parent.parent / "recipes" / "explore.py"
+SMOKE = ("scale=smoke", "model.embedding_dim=8", "policy.hidden=16")
+#: Columns that hang on the clock or on episodes that begin anew after a restart.
+PLANNED = ("decisions", "lr", "policy_version", "networks_version")
+
+
+def command(*overrides: str) -> list[str]:
+    return [sys.executable, str(RECIPE), *SMOKE, *overrides]
+
+
+def explore(*overrides: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(*overrides), capture_output=True, text=True, timeout=280, check=False
+    )
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def without_times(path: Path) -> list[dict[str, str]]:
+    """Rows without what no two runs share."""
+    times = ("seconds", "decisions_per_second")
+    return [{k: v for k, v in row.items() if k not in times} for row in rows(path)]
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Networks that were never trained: enough to explore with."""
+    path = tmp_path_factory.mktemp("networks") / "networks.pt"
+    torch.manual_seed(0)
+    made = make_networks(explore_settings().model)
+    made.thresholds = {"reward_threshold": 0.5, "tc_threshold": 0.9}
+    save_networks(made, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(networks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole run."""
+    folder = tmp_path_factory.mktemp("run") / "maze3"
+    done = explore(f"pretrained={networks}", f"hydra.run.dir={folder}")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("maze3: best policy covers ")
+    assert "; random covers " in done.stdout
+    assert "\n1,024 decisions in " in done.stdout
+    assert "coverage " in done.stderr
+    assert "waypoints " in done.stderr
+    return folder
+
+
+@pytest.mark.slow
+def test_it_leaves_tables_pictures_and_policies(run: Path) -> None:
+    metrics = rows(run / "metrics.csv")
+    assert [row["decisions"] for row in metrics] == ["256", "512", "768", "1024"]
+    assert metrics[-1]["lr"] == "0"
+    assert float(metrics[-1]["entropy"]) < 1.8
+    # 4 mazes of 256 decisions each; cut at 16, 32, 48, 64, then whole: 3 each.
+    assert len(rows(run / "episodes.csv")) == 13
+    assert all(0 < float(row["coverage"]) < 1 for row in rows(run / "episodes.csv"))
+    judged = rows(run / "evaluation.csv")
+    names = ["best", "last", "random", "sticky"]
+    assert [row["policy"] for row in judged] == [name for name in names for _ in "12"]
+    assert all(0 < float(row["coverage"]) <= 1 for row in judged)
+    for name in ("curves.png", "map.png", "episode.mp4"):
+        assert (run / name).stat().st_size > 5_000, name
+    assert list((run / "logs/tensorboard").iterdir())
+    assert load_networks(run).thresholds["reward_threshold"] == 0.5
+    policy = make_actor_critic(explore_settings())
+    policy.load_state_dict(torch.load(run / "policy.pt")["weights"])
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_as_planned(
+    run: Path, networks: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "maze=maze3,seed=0"  # as a sweep names folders
+    process = subprocess.Popen(
+        command(
+            f"pretrained={networks}",
+            "report.save_every_s=0.01",
+            f"hydra.run.dir='{folder}'",
+        ),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        deadline = time.monotonic() + 200
+        while not (folder / "metrics.csv").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    before = without_times(folder / "metrics.csv")
+    assert len(before) < 4
+    networks.rename(networks.with_name("moved.pt"))
+    try:
+        done = explore(f"resume={folder}")
+    finally:
+        networks.with_name("moved.pt").rename(networks)
+    assert done.returncode == 0, done.stderr
+    whole, cut = (without_times(one / "metrics.csv") for one in (run, folder))
+    # Until it was killed it did the same to the last digit; then its episodes began
+    # anew, and what does not hang on them goes on as planned.
+    kept = [row for row in cut if row in before]
+    assert kept == whole[: len(kept)]
+    plans = [[{k: row[k] for k in PLANNED} for row in table] for table in (whole, cut)]
+    assert plans[0] == plans[1]
+    assert (folder / "evaluation.csv").exists()
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_ends_the_run_with_a_checkpoint(
+    networks: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        command(
+            f"pretrained={networks}",
+            "collect.mode=async",
+            "collect.decisions=1000000",
+            "report.save_every_s=1000",
+            f"hydra.run.dir='{folder}'",
+        ),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        deadline = time.monotonic() + 200
+        while not (folder / "metrics.csv").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        (worker,) = [
+            child
+            for child in psutil.Process(process.pid).children()
+            if any("spawn_main" in word for word in child.cmdline())
+        ]
+        worker.kill()
+        _, told = process.communicate(timeout=100)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 1
+    sentence = told.strip().splitlines()[-1]
+    assert sentence.startswith(
+        "explore: the collecting processes must live as long as the run, got: "
+    )
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)["state"]
+    assert state["decisions"] >= 256
+
+
+@pytest.mark.slow
+def test_a_sweep_with_a3c_on_pixels_and_networks_that_learn(
+    networks: Path, tmp_path: Path
+) -> None:
+    done = explore(
+        "seed=0,1",
+        f"pretrained={networks}",
+        "policy.input=pixels",
+        "loss.kind=a3c",
+        "loss.rollout=16",
+        "reward.threshold=tc",
+        "online.learn=true",
+        "collect.workers=2",
+        "evaluate.episodes=1",
+        "evaluate.random_episodes=1",
+        f"hydra.sweep.dir={tmp_path}/sweep",
+        "hydra.sweep.subdir=${seed}",
+        "-m",
+    )
+    assert done.returncode == 0, done.stderr
+    for seed in (0, 1):
+        metrics = rows(tmp_path / f"sweep/{seed}/metrics.csv")
+        versions = [row["networks_version"] for row in metrics]
+        assert versions[0] == "0"
+        assert versions[-1] in ("1", "2")
+        assert float(metrics[-1]["loss_tc"]) > 0
+
+
+@pytest.mark.slow
+def test_a_loss_that_explodes_stops_the_run(networks: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    done = explore(f"pretrained={networks}", "loss.lr=1e30", f"hydra.run.dir={folder}")
+    assert done.returncode == 1
+    sentence = done.stderr.strip().splitlines()[-1]
+    assert sentence.startswith("explore: ")
+    assert "must be finite, got" in sentence
+    assert "a smaller loss.lr may help" in sentence
+    assert "Traceback" not in done.stderr
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)
+    assert all(value.isfinite().all() for value in state["learner"]["policy"].values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        (
+            "reward.alpha=2",
+            "reward.alpha must lie in [0, 1], got 2 (did you mean 1?)",
+        ),
+        ("reward.alpah=0.2", "(did you mean 'reward.alpha'?)"),
+        ("maze=maze9", "got 'maze9' (did you mean 'maze"),
+        ("pretrained=nowhere", "pretrained must name a run with nowhere"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_sentence(
+    tmp_path: Path, override: str, sentence: str
+) -> None:
+    done = explore(override, f"hydra.run.dir={tmp_path}/run")
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("reward.beta=-1", "reward.beta must be at least 0, got -1"),
+        ("reward.kind=truth", "reward.kind must be one of intrinsic, coverage"),
+        ("reward.threshold=high", r"one of auto, tc or a number in \[0, 0.999\]"),
+        ("reward.threshold=1.5", r"got 1.5 \(did you mean 0.999\?\)"),
+        ("reward.aggregate=mean", "must be max or a percentile in"),
+        ("policy.input=smell", "policy.input must be one of embedding, pixels"),
+        ("loss.gamma=2", r"loss.gamma must lie in \[0, 1\], got 2 \(did you mean 1"),
+        ("loss.lr=0", "loss.lr must be above 0, got 0"),
+        ("loss.rollout=40", r"multiple of loss.sequence=16, got 40 \(did you mean 32"),
+        ("collect.workers=0", "collect.workers must be at least 1, got 0"),
+        ("collect.workers=3", r"collect.workers=3, got 4 \(did you mean 3\?\)"),
+        ("collect.decisions=64", "one batch, got 64"),
+        ("maze.episode_length=12", "more than M . k = 12 decisions, got 12"),
+        ("online.every=0", "online.every must be at least 1, got 0"),
+    ],
+)
+def test_a_value_out_of_range_is_refused(override: str, message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        settings("explore", *SMOKE, override)
+
+
+def test_a_beta_that_is_not_given_makes_the_weights_add_up_to_one() -> None:
+    assert explore_settings("reward.alpha=0.25").reward.weights == (0.25, 0.75)
+    words = ("reward.alpha=0.25", "reward.beta=0.5")
+    assert explore_settings(*words).reward.weights == (0.25, 0.5)
