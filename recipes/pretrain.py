@@ -3,6 +3,7 @@
     python recipes/pretrain.py maze=select
     python recipes/pretrain.py mazes=[maze1,maze2,maze3]
     python recipes/pretrain.py maze=maze1 init_from=runs/pretrain/select-...
+    python recipes/pretrain.py maze=maze1 init_from=runs/... train.updates=0
     python recipes/pretrain.py resume=runs/pretrain/select-...
 
 Other processes walk at random, this one learns from their frames: which views are
@@ -23,12 +24,12 @@ from toponav.builders import (
     FRAME_KEYS,
     NETWORKS_FILE,
     Validation,
+    collect_frames,
     collect_held_out,
     decisions_due,
     keep_freed_memory,
     learning_rate,
     make_autocast,
-    make_collector,
     make_device,
     make_frame_buffer,
     make_loggers,
@@ -42,6 +43,7 @@ from toponav.builders import (
     split_mazes,
     start_networks,
     summarize,
+    write_history,
     write_measurements,
     write_reports,
 )
@@ -79,8 +81,12 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     )
     tc_loss, l_loss = make_losses(networks, mined=settings.pairs.mined)
     loggers = make_loggers(folder)
-    collector = make_collector(settings)
-    frames, decisions = iter(collector), 0
+    decisions = 0
+
+    def measure(number: int) -> dict[str, float]:
+        seconds = before + time.monotonic() - started
+        counts = {"update": number, "decisions": decisions, "seconds": seconds}
+        return counts | validate(networks)
 
     def update(number: int) -> dict[str, float]:
         for group in optimizer.param_groups:
@@ -104,8 +110,10 @@ def main(settings: PretrainConfig, folder: Path) -> None:
         return measured
 
     saved = time.monotonic()
-    bar = tqdm(total=train.updates, initial=done, unit="update", smoothing=0.05)
-    try:
+    with (
+        collect_frames(settings, needed=done < train.updates) as frames,
+        tqdm(total=train.updates, initial=done, unit="update", smoothing=0.05) as bar,
+    ):
         for number in range(done, train.updates):
             # Collect the decisions that are due before this update.
             while decisions < decisions_due(settings, number):
@@ -123,13 +131,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
             # Measure on the held-out episodes.
             if is_last or (number + 1) % settings.validate.every == 0:
                 bar.set_description("validate")
-                seconds = before + time.monotonic() - started
-                counts = {
-                    "update": number + 1,
-                    "decisions": decisions,
-                    "seconds": seconds,
-                }
-                history.append(counts | measured | validate(networks))
+                history.append(measure(number + 1) | measured)
                 write_measurements(folder, loggers, history)
                 last = history[-1]
                 bar.set_postfix(
@@ -150,9 +152,8 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                     history=history,
                 )
                 saved = time.monotonic()
-    finally:
-        bar.close()
-        collector.shutdown()
+    if not history:  # No updates were wanted: the networks of `init_from` as they are.
+        write_history(folder / "metrics.csv", [measure(0)])
 
     # Thresholds from random walks, the report against the truth, the networks.
     networks.modules.eval()

@@ -93,7 +93,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_end(
 
 
 @pytest.mark.slow
-def test_networks_of_a_run_are_a_beginning_for_other_mazes(
+def test_networks_of_a_run_are_measured_in_other_mazes(
     run: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "both"
@@ -101,9 +101,7 @@ def test_networks_of_a_run_are_a_beginning_for_other_mazes(
         *SMOKE,
         "mazes=[maze1,maze2]",
         f"init_from={run}",
-        "train.lr=1e-12",
-        "train.updates=2",
-        "validate.every=1",
+        "train.updates=0",
         "validate.decisions=60",
         f"hydra.run.dir={folder}",
     )
@@ -113,7 +111,7 @@ def test_networks_of_a_run_are_a_beginning_for_other_mazes(
     assert "tc_accuracy_maze1" in rows(folder)[0]
     before, after = load_networks(run), load_networks(folder)
     weight = before.tc.comparator.project.weight
-    assert torch.allclose(after.tc.comparator.project.weight, weight, atol=1e-8)
+    assert torch.equal(after.tc.comparator.project.weight, weight)
 
 
 @pytest.mark.slow

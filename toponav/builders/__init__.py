@@ -2,8 +2,8 @@
 
 from toponav.builders.collection import (
     FRAME_KEYS,
+    collect_frames,
     collect_held_out,
-    make_collector,
     make_frame_buffer,
     split_mazes,
 )
@@ -49,6 +49,7 @@ from toponav.builders.process_memory import keep_freed_memory
 from toponav.builders.report import calibrate, embed_sequences, summarize, write_reports
 from toponav.builders.run_files import (
     make_loggers,
+    write_history,
     write_measurements,
     write_text,
 )
@@ -84,6 +85,7 @@ __all__ = [
     "Validation",
     "calibrate",
     "collect_batches",
+    "collect_frames",
     "collect_held_out",
     "decisions_due",
     "embed_sequences",
@@ -95,7 +97,6 @@ __all__ = [
     "load_networks",
     "make_actor_critic",
     "make_autocast",
-    "make_collector",
     "make_device",
     "make_env",
     "make_explore_collector",
@@ -127,6 +128,7 @@ __all__ = [
     "summarize_evaluation",
     "write_episode_video",
     "write_evaluation",
+    "write_history",
     "write_measurements",
     "write_reports",
     "write_text",

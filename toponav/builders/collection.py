@@ -1,5 +1,7 @@
 """Where frames come from: mazes, collectors, the storage, held-out episodes."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -110,6 +112,26 @@ def make_collector(config: PretrainConfig) -> MultiAsyncCollector:
         weight_sync_schemes={"policy": NoWeightSyncScheme()},
         auto_register_policy_transforms=False,
     )
+
+
+@contextmanager
+def collect_frames(
+    config: PretrainConfig, *, needed: bool = True
+) -> Iterator[Iterator[TensorDictBase]]:
+    """Batches of frames of a `make_collector` that ends with the ``with`` block.
+
+    Args:
+        config: settings of the run.
+        needed: whether there is anything to collect; without, no process is started.
+    """
+    if not needed:
+        yield iter(())
+        return
+    collector = make_collector(config)
+    try:
+        yield iter(collector)
+    finally:
+        collector.shutdown()
 
 
 def make_frame_buffer(config: PretrainConfig) -> TensorDictReplayBuffer:

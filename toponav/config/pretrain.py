@@ -118,7 +118,7 @@ class TrainConfig:
     save_every_s: float = MISSING
 
     def __post_init__(self) -> None:
-        require_at_least("train.updates", self.updates, 1)
+        require_at_least("train.updates", self.updates, 0)
         require_choice("train.schedule", self.schedule, ("cosine", "constant"))
         for name in ("lr", "max_grad_norm", "save_every_s"):
             value = getattr(self, name)
@@ -162,6 +162,11 @@ class PretrainConfig:
     resume: str | None = MISSING
 
     def __post_init__(self) -> None:
+        require(
+            self.train.updates > 0 or bool(self.init_from or self.resume),
+            "init_from must name a run when train.updates=0",
+            self.init_from,
+        )
         longest = max(
             self.pairs.k * max(self.pairs.m, self.validate.m), self.pairs.locomotion_k
         )
