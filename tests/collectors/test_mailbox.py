@@ -104,5 +104,7 @@ def test_no_copy_is_torn_while_a_thread_publishes() -> None:
     while writer.is_alive():
         version = mailbox.pull("policy", mine)
         assert mine["weight"].unique().tolist() == [version]
+        # Another tensor of the same publication, written after the first.
+        assert mine["count"] == version
         seen.add(version)
     assert len(seen) > 3

@@ -33,8 +33,8 @@ def test_more_rows_than_decisions_round_up() -> None:
 
 
 def test_an_episode_that_ends_by_itself_needs_no_cut() -> None:
-    # The rows would be cut after 12 and 24, but the maze ends them at 12.
-    assert ends(make_env(2, length=24), 30) == [[12, 24], [12, 24]]
+    # The rows would be cut after 10 and 20, but the maze ends the second at 12.
+    assert ends(make_env(2, length=20), 30) == [[10, 22], [12, 24]]
 
 
 def test_a_reset_of_all_begins_anew() -> None:
