@@ -29,7 +29,6 @@ from toponav.builders.explore_collector import (
     collect_batches,
     make_explore_collector,
     make_mailbox,
-    stop_collector,
 )
 from toponav.builders.explore_env import make_actor_critic, make_explore_env
 from toponav.builders.learner import Learner
@@ -54,6 +53,7 @@ from toponav.builders.run_files import (
     write_text,
 )
 from toponav.builders.run_folders import find_runs
+from toponav.builders.shutdown import stop_collector
 from toponav.builders.sweep_report import report_exploration, report_pretraining
 from toponav.builders.training import (
     decisions_due,

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from toponav.builders.mazes import make_env
 from toponav.builders.process_memory import keep_freed_memory
+from toponav.builders.shutdown import stop_collector
 from toponav.config import MazeConfig, PretrainConfig
 from toponav.data import HeldOut
 from toponav.evaluation import RandomPolicy, StickyPolicy
@@ -131,7 +132,7 @@ def collect_frames(
     try:
         yield iter(collector)
     finally:
-        collector.shutdown()
+        stop_collector(collector)
 
 
 def make_frame_buffer(config: PretrainConfig) -> TensorDictReplayBuffer:
@@ -180,6 +181,6 @@ def collect_held_out(config: PretrainConfig, maze: MazeConfig, index: int) -> He
                 if bar.n >= total:
                     break
     finally:
-        collector.shutdown()
+        stop_collector(collector)
     frames = torch.cat(parts, dim=1)[:, : validate.decisions]
     return HeldOut(frames, name=maze.name)

@@ -23,7 +23,6 @@ from toponav.builders.novelty import Novelty, make_empty_novelty
 from toponav.builders.process_memory import keep_freed_memory
 from toponav.collectors import Mailbox, MailboxCollector, Subscription
 from toponav.config import ExploreConfig, TrainingError
-from toponav.envs.doom.instances import sweep
 from toponav.keys import (
     ACTION,
     ACTION_LOG_PROB,
@@ -225,19 +224,6 @@ def collect_batches(
         finally:
             watch.cancel()
         yield batch
-
-
-def stop_collector(collector: BaseCollector) -> None:
-    """Shut a collector down, whatever state its processes are in.
-
-    TorchRL then gives this process their threads too, with which small operations take
-    a hundred times as long on a busy machine; it keeps its own number here. Engines of
-    a process that was killed are ended.
-    """
-    threads = torch.get_num_threads()
-    collector.shutdown(raise_on_error=False)
-    torch.set_num_threads(threads)
-    sweep()
 
 
 def _end_processes(collector: BaseCollector, hung: threading.Event) -> None:
