@@ -68,13 +68,15 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     networks = prepare_networks(settings, folder, PRETRAIN)
     settings = replace(settings, model=networks.model)
     novelty = make_novelty(networks, settings.reward)
-    online = make_online_learning(settings, networks)
+    check = partial(require_finite, folder=folder)
+    online = make_online_learning(
+        settings, networks, check=partial(check, setting="online.lr")
+    )
 
     # The explorer and what it learns with: fresh, or as they were at the cut.
     torch.manual_seed(settings.seed)
     policy = make_actor_critic(settings).to(make_device(settings.device))
-    check = partial(require_finite, folder=folder, setting="loss.lr")
-    learner = Learner(settings, policy, check=check)
+    learner = Learner(settings, policy, check=partial(check, setting="loss.lr"))
     resume = settings.resume is not None
     state = start_exploration(folder, learner, online, resume=resume)
     save = partial(save_exploration, folder, state, learner, online)

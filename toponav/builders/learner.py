@@ -23,7 +23,7 @@ _LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
 _LOGGED = (*_LOSSES, "entropy")
 
 
-class _Check(Protocol):
+class Check(Protocol):
     """Refuses figures that are no numbers."""
 
     def __call__(self, figures: dict[str, float], update: int) -> None: ...
@@ -53,7 +53,7 @@ class Learner:
     """
 
     def __init__(
-        self, config: ExploreConfig, policy: ActorCritic, *, check: _Check
+        self, config: ExploreConfig, policy: ActorCritic, *, check: Check
     ) -> None:
         loss = config.loss
         self.config = loss

@@ -6,6 +6,7 @@ from torch.nn.utils import clip_grad_norm_
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from toponav.builders.devices import make_autocast
+from toponav.builders.learner import Check
 from toponav.builders.networks import Networks
 from toponav.builders.training import make_losses, make_pair_source
 from toponav.config import ExploreConfig
@@ -28,13 +29,19 @@ class OnlineLearning:
     Args:
         config: settings of the run.
         networks: trained in place; in ``train()`` mode during an update alone.
+        check: called before every step of the optimiser with the losses and the
+            number of the update; raises if one is no number.
     """
 
-    def __init__(self, config: ExploreConfig, networks: Networks) -> None:
+    def __init__(
+        self, config: ExploreConfig, networks: Networks, *, check: Check
+    ) -> None:
         device = next(networks.modules.parameters()).device
         online = config.online
         self.config = online
         self.networks = networks
+        self.check = check
+        self.updates = 0
         self.generator = torch.Generator().manual_seed(config.seed)
         side = 2 if config.halve else 1
         frame = (120 // side) * (160 // side) * 3
@@ -103,13 +110,15 @@ class OnlineLearning:
         self.optimizer.zero_grad()
         loss.backward()
         clip_grad_norm_(networks.parameters(), _MAX_GRAD_NORM)
-        if bool(loss.isfinite()):
-            self.optimizer.step()
-        networks.eval()
-        return {
+        measured = {
             "loss_tc": float(tc["loss_tc"].detach()),
             "loss_locomotion": float(locomotion["loss_locomotion"].detach()),
         }
+        self.check(measured, self.updates)
+        self.optimizer.step()
+        self.updates += 1
+        networks.eval()
+        return measured
 
     def state_dict(self) -> dict[str, object]:
         """What another one needs to go on, but the views: those are collected anew."""
@@ -117,6 +126,7 @@ class OnlineLearning:
             "weights": self.networks.modules.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "generator": self.generator.get_state(),
+            "updates": self.updates,
         }
 
     def load_state_dict(self, state: dict[str, object]) -> None:
@@ -124,10 +134,13 @@ class OnlineLearning:
         self.networks.modules.load_state_dict(state["weights"])  # type: ignore[arg-type]
         self.optimizer.load_state_dict(state["optimizer"])  # type: ignore[arg-type]
         self.generator.set_state(state["generator"])  # type: ignore[arg-type]
+        self.updates = int(state["updates"])  # type: ignore[call-overload]
 
 
 def make_online_learning(
-    config: ExploreConfig, networks: Networks
+    config: ExploreConfig, networks: Networks, *, check: Check
 ) -> OnlineLearning | None:
     """`OnlineLearning` if the settings want it."""
-    return OnlineLearning(config, networks) if config.online.learn else None
+    if not config.online.learn:
+        return None
+    return OnlineLearning(config, networks, check=check)
