@@ -110,6 +110,8 @@ def make_collector(config: PretrainConfig) -> MultiAsyncCollector:
         frames_per_batch=collect.batch,
         total_frames=-1,
         compact_obs=True,
+        # Without it, TorchRL leaves this process one thread less for every worker.
+        num_threads=torch.get_num_threads(),
         weight_sync_schemes={"policy": NoWeightSyncScheme()},
         auto_register_policy_transforms=False,
     )
