@@ -139,3 +139,27 @@ ENV_ID: NestedKey = "env_id"
 #: decision. Mailbox collector -> learner.
 POLICY_VERSION: NestedKey = ("version", "policy")
 NETWORKS_VERSION: NestedKey = ("version", "networks")
+
+# --- navigation (graph/navigator.py) ----------------------------------------
+#: uint8 [V, H, W, 3]; the goal as it was seen while exploring, the same in all
+#: decisions of an episode. GoalViews -> Navigator.
+GOAL_VIEWS: NestedKey = "goal_views"
+#: Nested key of what the navigator decided: no truth in it, and nobody acts on it.
+NAVIGATION: str = "navigation"
+#: int64 [1]; waypoint where the agent believes to be, -1 if lost. Navigator ->
+#: evaluation, as all that follow.
+PLACE: NestedKey = (NAVIGATION, "place")
+#: int64 [1]; waypoint that it walks to; -1 if lost, or at the goal's own waypoint,
+#: where it walks to the goal view.
+TARGET: NestedKey = (NAVIGATION, "target")
+#: int64 [1]; goal waypoint at the end of the path, -1 without a path.
+GOAL_NODE: NestedKey = (NAVIGATION, "goal_node")
+#: float32 [1]; cost of the path that is left, infinite without one.
+PATH_COST: NestedKey = (NAVIGATION, "path_cost")
+#: int64 [1]; times that it closed edges and has not opened them again.
+NUM_CUTS: NestedKey = (NAVIGATION, "num_cuts")
+#: int64 [1]; the ends of what it closed in this decision, -1 if nothing.
+CUT_FROM: NestedKey = (NAVIGATION, "cut_from")
+CUT_TO: NestedKey = (NAVIGATION, "cut_to")
+#: bool [1]; it does not know where it is, or no way leads on: it acts at random.
+LOST: NestedKey = (NAVIGATION, "lost")

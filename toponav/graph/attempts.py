@@ -1,0 +1,87 @@
+"""`Attempts`: how long each agent has tried each edge without getting on."""
+
+import torch
+from torch import Tensor
+
+
+class Attempts:
+    """Counts the decisions that agents spend on the first edge of their path.
+
+    An edge is *stuck* once ``patience`` decisions were spent on it since the agent last
+    *got on*, that is, came nearer to its goal, by the cost of the path that is left, than
+    ever since the last plan. An agent that is driven off and comes back goes on counting
+    where it was; one that sways between two places before a blockage counts both.
+
+    Reference:
+        The paper, "Goal reaching process": "if the goal is not reached within a certain
+        number of time steps". Counted per edge, since the whole way to a goal takes
+        longer than it takes to be sure of one blockage.
+
+    Args:
+        patience: decisions; ``None`` if no edge is ever stuck.
+
+    Raises:
+        ValueError: if ``patience < 1``.
+
+    Examples:
+        >>> attempts = Attempts(patience=2)
+        >>> attempts.resize(1)
+        >>> place, onward, cost = torch.tensor([4]), torch.tensor([7]), torch.ones(1)
+        >>> [attempts.count(place, onward, cost).item() for _ in range(3)]
+        [False, False, True]
+
+    Shape notation:
+        N: agents.
+    """
+
+    def __init__(self, *, patience: int | None = 40) -> None:
+        if patience is not None and patience < 1:
+            raise ValueError(f"patience must be at least 1, got {patience}")
+        self.patience = patience
+        self.resize(0)
+
+    def resize(self, num_agents: int) -> None:
+        """Begin with N agents that have tried nothing."""
+        self._least = torch.full((num_agents,), torch.inf, dtype=torch.float64)
+        self._spent: list[dict[tuple[int, int], int]] = [{} for _ in range(num_agents)]
+
+    def restart(self, agents: Tensor) -> None:
+        """Forget everything of the agents of a mask, bool ``[N]``."""
+        self._least[agents] = torch.inf
+        for agent in agents.nonzero().flatten().tolist():
+            self._spent[agent].clear()
+
+    def replan(self, agent: int, cost: float) -> None:
+        """Measure getting on from a new plan; what was spent on edges stays.
+
+        Args:
+            agent: its number.
+            cost: of the new path from where it is.
+        """
+        self._least[agent] = cost
+
+    def count(self, place: Tensor, onward: Tensor, cost: Tensor) -> Tensor:
+        """Count one decision.
+
+        Args:
+            place: int64 ``[N]``, where each agent is, -1 if lost.
+            onward: int64 ``[N]``, the next waypoint of its path.
+            cost: ``[N]``, of the path that is left.
+
+        Returns:
+            bool ``[N]``, whose first edge is stuck; its count begins anew.
+        """
+        stuck = torch.zeros(len(place), dtype=torch.bool)
+        if self.patience is None:
+            return stuck
+        has_way = (place >= 0) & (onward != place) & cost.isfinite()
+        gets_on = has_way & (cost < self._least)
+        for agent in gets_on.nonzero().flatten().tolist():
+            self._spent[agent].clear()
+        self._least = torch.where(gets_on, cost.double(), self._least)
+        for agent in (has_way & ~gets_on).nonzero().flatten().tolist():
+            edge = (int(place[agent]), int(onward[agent]))
+            spent = self._spent[agent].get(edge, 0) + 1
+            stuck[agent] = spent >= self.patience
+            self._spent[agent][edge] = 0 if stuck[agent] else spent
+        return stuck

@@ -1,0 +1,116 @@
+"""`GoalNodes`: which waypoints stand for each agent's goal."""
+
+import torch
+from torch import Tensor
+
+from toponav.graph.localiser import Localiser
+
+
+class GoalNodes:
+    """The waypoints most like each agent's goal views, as a set of targets.
+
+    One view is now and then mapped to a wrong place, of several seldom all are. A view
+    that is like no waypoint counts only if the agent's others are not either. A waypoint
+    where the agent waits for the goal in vain is *dropped* until the episode ends; when
+    all are dropped, the one dropped first comes back.
+
+    Reference:
+        The paper, "Goal reaching process": "target localization is performed only once
+        at the beginning of an episode".
+
+    Args:
+        patience: decisions spent at a goal's waypoint, since the agent was last put
+            elsewhere, after which it is dropped; ``None`` for never.
+
+    Raises:
+        ValueError: if ``patience < 1``.
+
+    Examples:
+        See `Navigator`.
+
+    Shape notation:
+        N: agents.  V: goal views.  D: embedding.
+    """
+
+    #: int64 ``[N, V]``; the waypoint of each view.
+    nodes: Tensor
+    #: float32 ``[N, V, D]``, of the views.
+    embeddings: Tensor
+
+    def __init__(self, *, patience: int | None = 20) -> None:
+        if patience is not None and patience < 1:
+            raise ValueError(f"patience must be at least 1, got {patience}")
+        self.patience = patience
+        self.resize(0, 1, 1)
+
+    def resize(self, num_agents: int, num_views: int, length: int) -> None:
+        """Begin with N agents that have no goal, and views of ``length`` D."""
+        shape = (num_agents, num_views)
+        self.nodes = torch.zeros(shape, dtype=torch.int64)
+        self.embeddings = torch.zeros(*shape, length)
+        self._counts = torch.zeros(shape, dtype=torch.bool)
+        self._waited = torch.zeros(shape, dtype=torch.int64)
+        # When each was dropped, counted in drops; 0 for one that was not.
+        self._dropped = torch.zeros(shape, dtype=torch.int64)
+
+    @property
+    def active(self) -> Tensor:
+        """Which of ``nodes`` are targets now, bool ``[N, V]``."""
+        return self._counts & (self._dropped == 0)
+
+    def begin(self, agents: Tensor, embedding: Tensor, localiser: Localiser) -> None:
+        """Localise the goals of new episodes, once and for all.
+
+        Args:
+            agents: int64 ``[n]``.
+            embedding: ``[n, V, D]``, of their goal views.
+            localiser: knows the map and what counts as alike.
+        """
+        shape = embedding.shape[:2]
+        nodes, similarity = (
+            found.reshape(shape) for found in localiser.nearest(embedding.flatten(0, 1))
+        )
+        passes = similarity > localiser.tc_reach
+        most = similarity == similarity.max(1, keepdim=True).values
+        self.nodes[agents] = nodes
+        self.embeddings[agents] = embedding.cpu()
+        self._counts[agents] = torch.where(passes.any(1, keepdim=True), passes, most)
+        self._waited[agents] = 0
+        self._dropped[agents] = 0
+
+    def wait(self, place: Tensor) -> Tensor:
+        """Count a decision at the goal's waypoints, and drop those that do not deliver.
+
+        Args:
+            place: int64 ``[N]``, where the agents are.
+
+        Returns:
+            bool ``[N]``, the agents whose targets changed.
+        """
+        here = self.active & (self.nodes == place.unsqueeze(1))
+        self._waited += here
+        if self.patience is None:
+            return torch.zeros(len(place), dtype=torch.bool)
+        late = here & (self._waited >= self.patience)
+        if late.any():
+            self._dropped[late] = self._dropped.max() + 1
+            self._waited[late] = 0
+            empty = ~self.active.any(1)
+            first = self._dropped.masked_fill(~self._counts, self._dropped.max() + 1)
+            is_first = first == first.min(1, keepdim=True).values
+            self._dropped[empty.unsqueeze(1) & is_first] = 0
+        return late.any(1)
+
+    def restart(self, agents: Tensor) -> None:
+        """Forget the waiting, not the drops, of the agents of a mask, bool ``[N]``."""
+        self._waited[agents] = 0
+
+    def view_at(self, place: Tensor) -> Tensor:
+        """The goal view of each agent that stands at its goal, float32 ``[N, D]``.
+
+        Args:
+            place: int64 ``[N]``; elsewhere the first view.
+        """
+        here = self.active & (self.nodes == place.unsqueeze(1))
+        at = here.int().argmax(1)
+        return self.embeddings[torch.arange(len(at)), at]

@@ -1,0 +1,387 @@
+"""`Navigator`: a policy that walks to goal views over a topological map."""
+
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from toponav.graph.attempts import Attempts
+from toponav.graph.blockages import Blockages
+from toponav.graph.goal_nodes import GoalNodes
+from toponav.graph.localiser import Compare, Localiser, Map
+from toponav.graph.planner import Planner, next_on_paths
+from toponav.graph.sampler import ActionSampler
+from toponav.keys import (
+    ACTION,
+    CUT_FROM,
+    CUT_TO,
+    GOAL_NODE,
+    GOAL_VIEWS,
+    IS_INIT,
+    LOST,
+    NUM_CUTS,
+    PATH_COST,
+    PIXELS,
+    PLACE,
+    PREVIOUS_REWARD,
+    TARGET,
+)
+
+Embed = Callable[[Tensor], Tensor]
+#: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
+Locomotion = Callable[[Tensor, Tensor], Tensor]
+
+_OUT_KEYS = [
+    ACTION,
+    PLACE,
+    TARGET,
+    GOAL_NODE,
+    PATH_COST,
+    NUM_CUTS,
+    CUT_FROM,
+    CUT_TO,
+    LOST,
+]
+
+
+class Navigator(TensorDictModuleBase):
+    """Finds its place on a map, plans a way to the goal, and walks it view by view.
+
+    In each decision, for every env of the batch by itself:
+
+    1. *localise*: the waypoint most like the view, near the last place if possible
+       (`Localiser`); if there is none, the agent is lost and acts at random for
+       ``lost_for`` decisions before it looks again;
+    2. *plan*: the cheapest way to the nearest of the waypoints that stand for the goal
+       (`GoalNodes`, `Planner`), around the edges that were found closed;
+    3. *aim*: at the farthest of the next ``lookahead`` waypoints of the path that is
+       reachable, by a similarity above ``tc_reach``, else at the next one; at the goal's
+       own waypoint, at the goal view;
+    4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
+    5. *give up*: if the first edge of the path is stuck (`Attempts`), it and all edges
+       among the waypoints up to the target are closed (`Blockages`), and the agent plans
+       anew at once. If no way is left, the oldest cut opens again.
+
+    When the task pays ``goal_reward``, the agent has been put elsewhere: it forgets its
+    place and looks at the whole map; what it learned about closed edges and about wrong
+    goal waypoints stays until the episode ends.
+
+    It is a policy for any TorchRL collector or rollout, with any batch shape. Its state
+    lies in itself, one row an env, and begins anew where ``is_init`` is true, so one
+    object must not serve two collectors. When the map's version changes, all rows begin
+    anew. It reads no privileged key. The callables are not its submodules: they are
+    neither moved nor saved with it, get no gradient and must be in ``eval()`` mode.
+
+    Reference:
+        The paper, "Navigation implementation", Figs. 10 and 11, eq. 15.
+
+    Args:
+        map: see `Map`; `TopologicalMap` is one.
+        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
+        compare: embeddings ``[N, D]`` and prepared waypoints ``[N, M, P]`` to
+            similarities ``[N, M]`` in [0, 1].
+        locomotion: embeddings here and there, ``[N, D]`` each, to logits of the actions
+            that lead there, ``[N, A]``.
+        tc_reach: see `Localiser`.
+        hops: see `Localiser`.
+        window: see `Localiser`.
+        stay_above: see `Localiser`.
+        lookahead: waypoints of the path to look at.
+        temperature: of the softmax over the logits; 0 takes the most probable action.
+        avoid_futile: whether an action that left the view exactly as it was is not
+            drawn again until the view changes, such as walking against a wall.
+        block_after: see `Attempts`, ``None`` never closes an edge.
+        cut_alike: whether a cut also closes all edges that lead nearer to the goal from
+            waypoints like the present view: those beside the path cross the same
+            blockage, and each would have to be tried.
+        keep_cuts: whether cuts stay closed from episode to episode.
+        fade_after: decisions after which a cut opens again, ``None`` for never.
+        goal_patience: see `GoalNodes`.
+        lost_for: random actions of an agent that is lost.
+        goal_reward: a reward of at least this much means that the goal was reached.
+        in_keys: keys of the view, uint8 ``[*B, H, W, C]``, of the goal views, uint8
+            ``[*B, V, H, W, C]``, of the task's reward for the decision before, float32
+            ``[*B, 1]`` (`PreviousReward` with a ``clip`` of at least ``goal_reward``
+            writes it), and of the flag of a first decision, bool ``[*B, 1]`` (TorchRL's
+            ``InitTracker``).
+        out_keys: keys of the action, int64 ``[*B]``, and of what was decided, each
+            ``[*B, 1]``: place, target, goal waypoint, cost of the path, number of cuts,
+            the ends of a cut made now, and whether the agent is lost.
+        seed: of the actions drawn.
+
+    Raises:
+        ValueError: if an argument is out of range, or the map is empty.
+
+    Examples:
+        Three places in a row that are numbers, and two actions, up and down:
+
+        >>> from types import SimpleNamespace
+        >>> from tensordict import TensorDict
+        >>> from toponav.keys import GOAL_VIEWS, IS_INIT, PIXELS, PREVIOUS_REWARD
+        >>> numbers = torch.arange(3.0).unsqueeze(1)
+        >>> lane = SimpleNamespace(
+        ...     num_waypoints=3,
+        ...     embeddings=numbers,
+        ...     prepared=numbers,
+        ...     edges=torch.tensor([[0, 1], [1, 2]]),
+        ...     edge_cost=torch.ones(2),
+        ...     version=0,
+        ...     neighbourhood=lambda node, hops: torch.arange(3),
+        ... )
+        >>> navigator = Navigator(
+        ...     lane,
+        ...     embed=lambda views: views.flatten(1).float(),
+        ...     compare=lambda one, many: (-(one.unsqueeze(1) - many).abs()).exp()[..., 0],
+        ...     locomotion=lambda here, there: torch.cat([there - here, here - there], 1),
+        ...     tc_reach=0.5,
+        ...     temperature=0.0,
+        ... )
+        >>> data = TensorDict({PIXELS: torch.zeros(1, 1, 1, 1)}, [1])
+        >>> data[GOAL_VIEWS] = torch.full((1, 1, 1, 1, 1), 2.0)
+        >>> data[PREVIOUS_REWARD] = torch.zeros(1, 1)
+        >>> data[IS_INIT] = torch.ones(1, 1, dtype=torch.bool)
+        >>> told = navigator(data)
+        >>> told["action"].item(), told["navigation", "path_cost"].item()
+        (0, 2.0)
+
+    Shape notation:
+        B: batch of environments, N of them.  H, W, C: height, width, channels.  V: goal
+        views.  D: embedding.  M: candidates.  P: prepared entry.  A: actions.
+    """
+
+    def __init__(
+        self,
+        map: Map,
+        embed: Embed,
+        compare: Compare,
+        locomotion: Locomotion,
+        *,
+        tc_reach: float,
+        hops: int = 7,
+        window: int = 1,
+        stay_above: float | None = None,
+        lookahead: int = 7,
+        temperature: float = 1.0,
+        avoid_futile: bool = False,
+        block_after: int | None = 40,
+        cut_alike: bool = False,
+        keep_cuts: bool = False,
+        fade_after: int | None = None,
+        goal_patience: int | None = 20,
+        lost_for: int = 5,
+        goal_reward: float = 10.0,
+        in_keys: Sequence[NestedKey] | None = None,
+        out_keys: Sequence[NestedKey] | None = None,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        in_default = [PIXELS, GOAL_VIEWS, PREVIOUS_REWARD, IS_INIT]
+        self.in_keys = in_default if in_keys is None else list(in_keys)
+        self.out_keys = _OUT_KEYS if out_keys is None else list(out_keys)
+        if len(self.in_keys) != len(in_default) or len(self.out_keys) != len(_OUT_KEYS):
+            raise ValueError(
+                f"in_keys must be {len(in_default)} and out_keys {len(_OUT_KEYS)}, got "
+                f"{self.in_keys} and {self.out_keys}"
+            )
+        for name, number in (("lookahead", lookahead), ("lost_for", lost_for)):
+            if number < 1:
+                raise ValueError(f"{name} must be at least 1, got {number}")
+        self.map = map
+        self.embed = embed
+        self.locomotion = locomotion
+        self.localiser = Localiser(
+            map,
+            compare,
+            tc_reach=tc_reach,
+            hops=hops,
+            window=window,
+            stay_above=stay_above,
+        )
+        self.goals = GoalNodes(patience=goal_patience)
+        self.attempts = Attempts(patience=block_after)
+        self.sampler = ActionSampler(
+            temperature=temperature, avoid_futile=avoid_futile, seed=seed
+        )
+        self.lookahead = lookahead
+        self.cut_alike = cut_alike
+        self.keep_cuts = keep_cuts
+        self.fade_after = fade_after
+        self.lost_for = lost_for
+        self.goal_reward = goal_reward
+        self._version: int | None = None
+        self._num_agents = -1
+
+    def _resize(self, num_agents: int, goal_views: Tensor, length: int) -> None:
+        """Begin with N agents that know nothing, and with the map as it is now."""
+        edges, costs = self.map.edges, self.map.edge_cost
+        self.planner = Planner(self.map.num_waypoints, edges, costs)
+        self.blockages = Blockages(num_agents, len(edges), fade_after=self.fade_after)
+        self.localiser.resize(num_agents)
+        self.goals.resize(num_agents, goal_views.shape[1], length)
+        self.attempts.resize(num_agents)
+        self.sampler.resize(num_agents)
+        size = (num_agents, self.map.num_waypoints)
+        self._costs = torch.full(size, torch.inf, dtype=torch.float64)
+        self._onward = torch.arange(size[1]).expand(size).clone()
+        # Decisions that an agent goes on acting at random.
+        self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
+        self._version = self.map.version
+        self._num_agents = num_agents
+
+    @torch.no_grad()
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        shape = tensordict.batch_size
+        data = tensordict.select(*self.in_keys).reshape(-1)
+        views, goal_views, reward, is_init = (data[key] for key in self.in_keys)
+        embedding = self.embed(views).float()
+        begins = is_init.reshape(-1).cpu()
+        if (len(data), self.map.version) != (self._num_agents, self._version):
+            self._resize(len(data), goal_views, embedding.shape[1])
+            begins = torch.ones_like(begins)
+        is_dirty = self._begin(begins, goal_views)
+        self._restart(begins | (reward.reshape(-1).cpu() >= self.goal_reward))
+        is_dirty |= self.blockages.pass_decision()
+
+        place = self._locate(embedding)
+        is_dirty |= self.goals.wait(place)
+        self._plan(is_dirty.nonzero().flatten().tolist())
+        place, target = self._aim(place, embedding)
+        cut = self._give_up(place, target, embedding)
+        if (cut[:, 0] >= 0).any():
+            place, target = self._aim(place, embedding)
+        action = self._act(place, target, embedding)
+        self._write(tensordict, shape, action, place, target, cut)
+        return tensordict
+
+    def _begin(self, begins: Tensor, goal_views: Tensor) -> Tensor:
+        """Localise the goals of new episodes; which agents need a new plan."""
+        agents = begins.nonzero().flatten()
+        if len(agents):
+            views = goal_views[agents.to(goal_views.device)]
+            flat = self.embed(views.flatten(0, 1)).float()
+            embedding = flat.reshape(*views.shape[:2], -1)
+            self.goals.begin(agents, embedding, self.localiser)
+            self.sampler.forget(begins)
+            if not self.keep_cuts:
+                self.blockages.clear(begins)
+        return begins.clone()
+
+    def _restart(self, agents: Tensor) -> None:
+        """These agents have been put elsewhere."""
+        self.localiser.forget(agents)
+        self.attempts.restart(agents)
+        self.goals.restart(agents)
+        self._lost_left[agents] = 0
+
+    def _locate(self, embedding: Tensor) -> Tensor:
+        """The place of each agent, -1 while it is lost."""
+        place = self.localiser.locate(embedding)
+        self._lost_left = (self._lost_left - 1).clamp(min=0)
+        turns_lost = (place < 0) & (self._lost_left == 0)
+        self._lost_left[turns_lost] = self.lost_for
+        return place.masked_fill(self._lost_left > 0, -1)
+
+    def _plan(self, agents: Sequence[int]) -> None:
+        for agent in agents:
+            goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
+            plan = self.planner.plan(goals, self.blockages.closed[agent])
+            self._costs[agent] = plan.costs
+            self._onward[agent] = plan.onward
+
+    def _cost_of(self, node: Tensor) -> Tensor:
+        """Cost of the way that is left from ``node``, ``[N]``; infinite for -1."""
+        cost = self._costs.gather(1, node.clamp(min=0).unsqueeze(1)).squeeze(1)
+        return cost.masked_fill(node < 0, torch.inf)
+
+    def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
+        """Find a way for everyone, and the waypoint of it to walk to.
+
+        Returns:
+            The places and the targets, int64 ``[N]``; both -1 for an agent from whose
+            place no way leads to the goal, even with all cuts open, so that it acts as
+            if it were lost. The target is the place itself at the goal.
+        """
+        for agent in ((place >= 0) & self._cost_of(place).isinf()).nonzero().flatten():
+            number = int(agent)
+            while self._cost_of(place)[number].isinf():
+                if not self.blockages.reopen_oldest(number):
+                    break
+                self._plan([number])
+        place = place.masked_fill(self._cost_of(place).isinf(), -1)
+        start = place.clamp(min=0)
+        path = next_on_paths(self._onward, start, self.lookahead)
+        reachable = self.localiser.similarity(embedding, path) > self.localiser.tc_reach
+        reachable[:, 0] = True
+        farthest = self.lookahead - 1 - reachable.flip(1).int().argmax(1)
+        target = path.gather(1, farthest.unsqueeze(1)).squeeze(1)
+        return place, target.masked_fill(place < 0, -1)
+
+    def _give_up(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
+        """Close the edges that are stuck; the ends of each cut, ``[N, 2]``, or -1."""
+        onward = next_on_paths(self._onward, place.clamp(min=0), 1).squeeze(1)
+        stuck = self.attempts.count(place, onward, self._cost_of(place))
+        ends = torch.full((len(place), 2), -1)
+        for agent in stuck.nonzero().flatten().tolist():
+            edges = self._edges_to_close(agent, place, target, embedding)
+            self.blockages.cut(agent, edges)
+            self._plan([agent])
+            self.attempts.replan(agent, float(self._cost_of(place)[agent]))
+            ends[agent] = torch.stack([place[agent], target[agent]])
+        return ends
+
+    def _edges_to_close(
+        self, agent: int, place: Tensor, target: Tensor, embedding: Tensor
+    ) -> Tensor:
+        """Those of the path up to the target and those that skip some of it."""
+        path = next_on_paths(
+            self._onward[agent : agent + 1], place[agent : agent + 1], self.lookahead
+        )[0]
+        reached = int((path == target[agent]).nonzero()[0]) + 1
+        edges = self.planner.edges_among(
+            torch.cat([place[agent : agent + 1], path[:reached]])
+        )
+        if self.cut_alike:
+            near = self.localiser.around(int(place[agent]))
+            like = self.localiser.similarity(
+                embedding[agent : agent + 1], near.unsqueeze(0)
+            )
+            alike = near[like[0] > self.localiser.tc_reach]
+            beside = self.planner.edges_onward(alike, self._costs[agent])
+            edges = torch.cat([edges, beside]).unique()
+        return edges
+
+    def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
+        """Draw the actions, int64 ``[N]`` on the CPU."""
+        there = self.map.embeddings[target.clamp(min=0)].float().cpu()
+        at_goal = (place >= 0) & (place == target)
+        there = torch.where(at_goal.unsqueeze(1), self.goals.view_at(place), there)
+        logits = self.locomotion(embedding, there.to(embedding.device))
+        return self.sampler.draw(logits.float().cpu(), place >= 0, embedding.cpu())
+
+    def _write(
+        self,
+        tensordict: TensorDictBase,
+        shape: torch.Size,
+        action: Tensor,
+        place: Tensor,
+        target: Tensor,
+        cut: Tensor,
+    ) -> None:
+        goal = place.clamp(min=0)
+        while not torch.equal(step := next_on_paths(self._onward, goal, 1)[:, 0], goal):
+            goal = step
+        told = (
+            place,
+            target.masked_fill(target == place, -1),
+            goal.masked_fill(place < 0, -1),
+            self._cost_of(place).float(),
+            self.blockages.num_cuts,
+            *cut.unbind(1),
+            place < 0,
+        )
+        device = tensordict.device
+        tensordict.set(self.out_keys[0], action.reshape(shape).to(device))
+        for key, value in zip(self.out_keys[1:], told, strict=True):
+            tensordict.set(key, value.reshape(*shape, 1).to(device))

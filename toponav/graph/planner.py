@@ -1,0 +1,165 @@
+"""`Planner`: the cheapest ways over a map to the nearest of several waypoints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import rustworkx as rx
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The ways from every waypoint to the nearest goal.
+
+    Args:
+        costs: float64 ``[W]``; of the cheapest way, infinite without one.
+        onward: int64 ``[W]``; the next waypoint on it; the waypoint itself at a goal
+            and where no way leads on.
+    """
+
+    costs: Tensor
+    onward: Tensor
+
+
+class Planner:
+    """Finds the cheapest ways by Dijkstra's algorithm, on edges that may be closed.
+
+    One search from all goals at once gives the way from every waypoint, so that an
+    agent that is thrown off its path, or mistaken about its place, has the next one
+    without a new search. A closed edge has infinite cost, and an infinite way counts as
+    none: no path leads through it.
+
+    Reference:
+        The paper, "Goal reaching process", eq. 15.
+
+    Args:
+        num_nodes: number of waypoints W.
+        edges: int64 ``[E, 2]``, undirected, each once.
+        edge_cost: ``[E]``.
+
+    Raises:
+        ValueError: if an edge names no waypoint, or a cost is not finite and positive.
+
+    Examples:
+        A square with a dear side; from 0 to 2 by way of 1, and with that way closed:
+
+        >>> edges = torch.tensor([[0, 1], [1, 2], [2, 3], [0, 3]])
+        >>> planner = Planner(4, edges, torch.tensor([1.0, 1.0, 1.0, 3.0]))
+        >>> plan = planner.plan([2])
+        >>> plan.costs.tolist(), plan.onward.tolist()
+        ([2.0, 1.0, 0.0, 1.0], [1, 2, 2, 2])
+        >>> closed = torch.tensor([True, False, False, False])
+        >>> planner.plan([2], closed).onward[0]
+        tensor(3)
+
+    Shape notation:
+        W: waypoints.  E: edges.
+    """
+
+    def __init__(self, num_nodes: int, edges: Tensor, edge_cost: Tensor) -> None:
+        if len(edges) and not 0 <= int(edges.min()) <= int(edges.max()) < num_nodes:
+            raise ValueError(
+                f"edges must join waypoints 0 to {num_nodes - 1}, got "
+                f"{int(edges.min())} to {int(edges.max())}"
+            )
+        if not bool(((edge_cost > 0) & edge_cost.isfinite()).all()):
+            raise ValueError(
+                "edge_cost must be finite and above 0, got "
+                f"{float(edge_cost.min()):g} to {float(edge_cost.max()):g}"
+            )
+        self.num_nodes = num_nodes
+        self.edges = edges.cpu()
+        self._cost = edge_cost.double().cpu()
+        self._graph = rx.PyGraph(multigraph=True)
+        self._graph.add_nodes_from(range(num_nodes))
+        numbered = [(i, j, e) for e, (i, j) in enumerate(self.edges.tolist())]
+        self._graph.add_edges_from(numbered)
+
+    def plan(self, goals: Sequence[int], closed: Tensor | None = None) -> Plan:
+        """The ways to the nearest of ``goals``.
+
+        Args:
+            goals: waypoints; without any, no way leads anywhere.
+            closed: bool ``[E]``, edges that must not be used.
+        """
+        cost = self._cost
+        if closed is not None:
+            cost = cost.masked_fill(closed.cpu(), torch.inf)
+        costs = self._search(goals, [*cost.tolist(), 0.0])
+        return Plan(costs, self._onward(costs, cost))
+
+    def _search(self, goals: Sequence[int], cost: list[float]) -> Tensor:
+        """Dijkstra from a helper node that is joined to all goals at no cost."""
+        helper = self._graph.add_node(None)
+        try:
+            free = len(cost) - 1
+            self._graph.add_edges_from([(helper, goal, free) for goal in set(goals)])
+            found = rx.dijkstra_shortest_path_lengths(
+                self._graph, helper, cost.__getitem__
+            )
+        finally:
+            self._graph.remove_node(helper)
+        costs = torch.full((self.num_nodes + 1,), torch.inf, dtype=torch.float64)
+        if len(found):
+            nodes = torch.tensor(list(found.keys())).clamp(max=self.num_nodes)
+            costs[nodes] = torch.tensor(list(found.values()), dtype=torch.float64)
+        return costs[:-1]
+
+    def _onward(self, costs: Tensor, edge_cost: Tensor) -> Tensor:
+        """The neighbour through which each waypoint's cost comes; ties: the lowest."""
+        here, there = torch.cat([self.edges, self.edges.flip(1)]).unbind(1)
+        by_way = edge_cost.repeat(2) + costs[there]
+        best = torch.full_like(costs, torch.inf)
+        best = best.scatter_reduce(0, here, by_way, "amin")
+        is_best = (by_way == best[here]) & by_way.isfinite() & (costs[here] > 0)
+        onward = torch.full_like(costs, self.num_nodes, dtype=torch.int64)
+        onward = onward.scatter_reduce(0, here[is_best], there[is_best], "amin")
+        stay = torch.arange(self.num_nodes)
+        return torch.where(onward == self.num_nodes, stay, onward)
+
+    def edges_among(self, nodes: Tensor) -> Tensor:
+        """Numbers of the edges whose two ends are both in ``nodes``, int64 ``[K]``."""
+        inside = torch.zeros(self.num_nodes, dtype=torch.bool)
+        inside[nodes] = True
+        return inside[self.edges].all(1).nonzero().squeeze(1)
+
+    def edges_onward(self, nodes: Tensor, costs: Tensor) -> Tensor:
+        """Numbers of the edges that lead from one of ``nodes`` nearer to the goal.
+
+        Args:
+            nodes: int64 ``[K]``.
+            costs: ``[W]``, of a `Plan`.
+        """
+        inside = torch.zeros(self.num_nodes, dtype=torch.bool)
+        inside[nodes] = True
+        first, second = self.edges.unbind(1)
+        there = costs[second] < costs[first]
+        back = costs[first] < costs[second]
+        leads = (inside[first] & there) | (inside[second] & back)
+        return leads.nonzero().squeeze(1)
+
+
+def next_on_paths(onward: Tensor, place: Tensor, length: int) -> Tensor:
+    """The next waypoints on the ways of many agents.
+
+    Args:
+        onward: int64 ``[N, W]``, of each agent's `Plan`.
+        place: int64 ``[N]``, where the agents are.
+        length: how many waypoints to look ahead.
+
+    Returns:
+        int64 ``[N, length]``; where a way ends, its last waypoint repeats.
+
+    Examples:
+        >>> next_on_paths(torch.tensor([[1, 2, 2]]), torch.tensor([0]), 3)
+        tensor([[1, 2, 2]])
+
+    Shape notation:
+        N: agents.  W: waypoints.
+    """
+    found = []
+    for _ in range(length):
+        place = onward.gather(1, place.unsqueeze(1)).squeeze(1)
+        found.append(place)
+    return torch.stack(found, 1)
