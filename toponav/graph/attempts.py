@@ -7,10 +7,10 @@ from torch import Tensor
 class Attempts:
     """Counts the decisions that agents spend on the first edge of their path.
 
-    An edge is *stuck* once ``patience`` decisions were spent on it since the agent last
-    *got on*, that is, came nearer to its goal, by the cost of the path that is left, than
-    ever since the last plan. An agent that is driven off and comes back goes on counting
-    where it was; one that sways between two places before a blockage counts both.
+    An edge is *stuck* once ``patience`` decisions were spent on it since the agent
+    last *got on*, that is, came nearer to its goal than ever since the last plan, by
+    the cost of the path that is left. An agent that is driven off and comes back goes
+    on counting where it was; one that sways between two places counts for both.
 
     Reference:
         The paper, "Goal reaching process": "if the goal is not reached within a certain

@@ -14,8 +14,8 @@ class Blockages:
     left.
 
     Reference:
-        The paper, "Goal reaching process": "find the connections that traverse blockages
-        and set their path cost to infinity".
+        The paper, "Goal reaching process": "find the connections that traverse
+        blockages and set their path cost to infinity".
 
     Args:
         num_agents: number of agents N.

@@ -10,9 +10,9 @@ class GoalNodes:
     """The waypoints most like each agent's goal views, as a set of targets.
 
     One view is now and then mapped to a wrong place, of several seldom all are. A view
-    that is like no waypoint counts only if the agent's others are not either. A waypoint
-    where the agent waits for the goal in vain is *dropped* until the episode ends; when
-    all are dropped, the one dropped first comes back.
+    that is like no waypoint counts only if the agent's others are not either. A
+    waypoint where the agent waits for the goal in vain is *dropped* until the episode
+    ends; when all are dropped, the one dropped first comes back.
 
     Reference:
         The paper, "Goal reaching process": "target localization is performed only once
@@ -36,6 +36,8 @@ class GoalNodes:
     nodes: Tensor
     #: float32 ``[N, V, D]``, of the views.
     embeddings: Tensor
+    #: bool ``[N, V]``; whether the view is like its waypoint.
+    counts: Tensor
 
     def __init__(self, *, patience: int | None = 20) -> None:
         if patience is not None and patience < 1:
@@ -48,7 +50,7 @@ class GoalNodes:
         shape = (num_agents, num_views)
         self.nodes = torch.zeros(shape, dtype=torch.int64)
         self.embeddings = torch.zeros(*shape, length)
-        self._counts = torch.zeros(shape, dtype=torch.bool)
+        self.counts = torch.zeros(shape, dtype=torch.bool)
         self._waited = torch.zeros(shape, dtype=torch.int64)
         # When each was dropped, counted in drops; 0 for one that was not.
         self._dropped = torch.zeros(shape, dtype=torch.int64)
@@ -56,7 +58,7 @@ class GoalNodes:
     @property
     def active(self) -> Tensor:
         """Which of ``nodes`` are targets now, bool ``[N, V]``."""
-        return self._counts & (self._dropped == 0)
+        return self.counts & (self._dropped == 0)
 
     def begin(self, agents: Tensor, embedding: Tensor, localiser: Localiser) -> None:
         """Localise the goals of new episodes, once and for all.
@@ -74,7 +76,7 @@ class GoalNodes:
         most = similarity == similarity.max(1, keepdim=True).values
         self.nodes[agents] = nodes
         self.embeddings[agents] = embedding.cpu()
-        self._counts[agents] = torch.where(passes.any(1, keepdim=True), passes, most)
+        self.counts[agents] = torch.where(passes.any(1, keepdim=True), passes, most)
         self._waited[agents] = 0
         self._dropped[agents] = 0
 
@@ -96,7 +98,7 @@ class GoalNodes:
             self._dropped[late] = self._dropped.max() + 1
             self._waited[late] = 0
             empty = ~self.active.any(1)
-            first = self._dropped.masked_fill(~self._counts, self._dropped.max() + 1)
+            first = self._dropped.masked_fill(~self.counts, self._dropped.max() + 1)
             is_first = first == first.min(1, keepdim=True).values
             self._dropped[empty.unsqueeze(1) & is_first] = 0
         return late.any(1)

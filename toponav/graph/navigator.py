@@ -11,8 +11,9 @@ from toponav.graph.attempts import Attempts
 from toponav.graph.blockages import Blockages
 from toponav.graph.goal_nodes import GoalNodes
 from toponav.graph.localiser import Compare, Localiser, Map
-from toponav.graph.planner import Planner, next_on_paths
+from toponav.graph.planner import Planner
 from toponav.graph.sampler import ActionSampler
+from toponav.graph.ways import Ways
 from toponav.keys import (
     ACTION,
     CUT_FROM,
@@ -57,12 +58,12 @@ class Navigator(TensorDictModuleBase):
     2. *plan*: the cheapest way to the nearest of the waypoints that stand for the goal
        (`GoalNodes`, `Planner`), around the edges that were found closed;
     3. *aim*: at the farthest of the next ``lookahead`` waypoints of the path that is
-       reachable, by a similarity above ``tc_reach``, else at the next one; at the goal's
-       own waypoint, at the goal view;
+       reachable, by a similarity above ``tc_reach``, else at the next one; at the
+       goal's own waypoint, at the goal view;
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
     5. *give up*: if the first edge of the path is stuck (`Attempts`), it and all edges
-       among the waypoints up to the target are closed (`Blockages`), and the agent plans
-       anew at once. If no way is left, the oldest cut opens again.
+       among the waypoints up to the target are closed (`Blockages`), and the agent
+       plans anew at once. If no way is left, the oldest cut opens again.
 
     When the task pays ``goal_reward``, the agent has been put elsewhere: it forgets its
     place and looks at the whole map; what it learned about closed edges and about wrong
@@ -133,8 +134,8 @@ class Navigator(TensorDictModuleBase):
         >>> navigator = Navigator(
         ...     lane,
         ...     embed=lambda views: views.flatten(1).float(),
-        ...     compare=lambda one, many: (-(one.unsqueeze(1) - many).abs()).exp()[..., 0],
-        ...     locomotion=lambda here, there: torch.cat([there - here, here - there], 1),
+        ...     compare=lambda one, many: (one.unsqueeze(1) - many)[..., 0].abs() < 1,
+        ...     locomotion=lambda here, there: (there - here) * torch.tensor([1.0, -1]),
         ...     tc_reach=0.5,
         ...     temperature=0.0,
         ... )
@@ -210,69 +211,64 @@ class Navigator(TensorDictModuleBase):
         self.fade_after = fade_after
         self.lost_for = lost_for
         self.goal_reward = goal_reward
-        self._version: int | None = None
-        self._num_agents = -1
+        # Number of agents and version of the map that the state is for.
+        self._made_for: tuple[int, int] | None = None
 
-    def _resize(self, num_agents: int, goal_views: Tensor, length: int) -> None:
+    def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
         """Begin with N agents that know nothing, and with the map as it is now."""
-        edges, costs = self.map.edges, self.map.edge_cost
-        self.planner = Planner(self.map.num_waypoints, edges, costs)
-        self.blockages = Blockages(num_agents, len(edges), fade_after=self.fade_after)
+        planner = Planner(self.map.num_waypoints, self.map.edges, self.map.edge_cost)
+        num_edges = len(planner.edges)
+        self.blockages = Blockages(num_agents, num_edges, fade_after=self.fade_after)
+        self.ways = Ways(planner, self.goals, self.blockages)
         self.localiser.resize(num_agents)
-        self.goals.resize(num_agents, goal_views.shape[1], length)
+        self.goals.resize(num_agents, num_goal_views, length)
         self.attempts.resize(num_agents)
         self.sampler.resize(num_agents)
-        size = (num_agents, self.map.num_waypoints)
-        self._costs = torch.full(size, torch.inf, dtype=torch.float64)
-        self._onward = torch.arange(size[1]).expand(size).clone()
         # Decisions that an agent goes on acting at random.
         self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
-        self._version = self.map.version
-        self._num_agents = num_agents
+        self._made_for = (num_agents, self.map.version)
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        shape = tensordict.batch_size
         data = tensordict.select(*self.in_keys).reshape(-1)
         views, goal_views, reward, is_init = (data[key] for key in self.in_keys)
         embedding = self.embed(views).float()
         begins = is_init.reshape(-1).cpu()
-        if (len(data), self.map.version) != (self._num_agents, self._version):
-            self._resize(len(data), goal_views, embedding.shape[1])
+        if self._made_for != (len(data), self.map.version):
+            self._resize(len(data), goal_views.shape[1], embedding.shape[1])
             begins = torch.ones_like(begins)
-        is_dirty = self._begin(begins, goal_views)
+        self._begin(begins, goal_views)
         self._restart(begins | (reward.reshape(-1).cpu() >= self.goal_reward))
-        is_dirty |= self.blockages.pass_decision()
 
         place = self._locate(embedding)
-        is_dirty |= self.goals.wait(place)
-        self._plan(is_dirty.nonzero().flatten().tolist())
+        changed = begins | self.blockages.pass_decision() | self.goals.wait(place)
+        self.ways.plan(changed.nonzero().flatten().tolist())
         place, target = self._aim(place, embedding)
         cut = self._give_up(place, target, embedding)
-        if (cut[:, 0] >= 0).any():
+        if (cut >= 0).any():
             place, target = self._aim(place, embedding)
         action = self._act(place, target, embedding)
-        self._write(tensordict, shape, action, place, target, cut)
-        return tensordict
+        return self._write(tensordict, action, place, target, cut)
 
-    def _begin(self, begins: Tensor, goal_views: Tensor) -> Tensor:
-        """Localise the goals of new episodes; which agents need a new plan."""
+    def _begin(self, begins: Tensor, goal_views: Tensor) -> None:
+        """Localise the goals of new episodes."""
         agents = begins.nonzero().flatten()
-        if len(agents):
-            views = goal_views[agents.to(goal_views.device)]
-            flat = self.embed(views.flatten(0, 1)).float()
-            embedding = flat.reshape(*views.shape[:2], -1)
-            self.goals.begin(agents, embedding, self.localiser)
-            self.sampler.forget(begins)
-            if not self.keep_cuts:
-                self.blockages.clear(begins)
-        return begins.clone()
+        if not len(agents):
+            return
+        views = goal_views[agents.to(goal_views.device)]
+        embedding = self.embed(views.flatten(0, 1)).float()
+        embedding = embedding.reshape(*views.shape[:2], -1)
+        self.goals.begin(agents, embedding, self.localiser)
+        self.sampler.forget(begins)
+        if not self.keep_cuts:
+            self.blockages.clear(begins)
 
     def _restart(self, agents: Tensor) -> None:
         """These agents have been put elsewhere."""
         self.localiser.forget(agents)
         self.attempts.restart(agents)
         self.goals.restart(agents)
+        self.sampler.forget(agents)
         self._lost_left[agents] = 0
 
     def _locate(self, embedding: Tensor) -> Tensor:
@@ -283,18 +279,6 @@ class Navigator(TensorDictModuleBase):
         self._lost_left[turns_lost] = self.lost_for
         return place.masked_fill(self._lost_left > 0, -1)
 
-    def _plan(self, agents: Sequence[int]) -> None:
-        for agent in agents:
-            goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
-            plan = self.planner.plan(goals, self.blockages.closed[agent])
-            self._costs[agent] = plan.costs
-            self._onward[agent] = plan.onward
-
-    def _cost_of(self, node: Tensor) -> Tensor:
-        """Cost of the way that is left from ``node``, ``[N]``; infinite for -1."""
-        cost = self._costs.gather(1, node.clamp(min=0).unsqueeze(1)).squeeze(1)
-        return cost.masked_fill(node < 0, torch.inf)
-
     def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
         """Find a way for everyone, and the waypoint of it to walk to.
 
@@ -303,15 +287,9 @@ class Navigator(TensorDictModuleBase):
             place no way leads to the goal, even with all cuts open, so that it acts as
             if it were lost. The target is the place itself at the goal.
         """
-        for agent in ((place >= 0) & self._cost_of(place).isinf()).nonzero().flatten():
-            number = int(agent)
-            while self._cost_of(place)[number].isinf():
-                if not self.blockages.reopen_oldest(number):
-                    break
-                self._plan([number])
-        place = place.masked_fill(self._cost_of(place).isinf(), -1)
-        start = place.clamp(min=0)
-        path = next_on_paths(self._onward, start, self.lookahead)
+        self.ways.open_up(place)
+        place = place.masked_fill(self.ways.cost(place).isinf(), -1)
+        path = self.ways.ahead(place, self.lookahead)
         reachable = self.localiser.similarity(embedding, path) > self.localiser.tc_reach
         reachable[:, 0] = True
         farthest = self.lookahead - 1 - reachable.flip(1).int().argmax(1)
@@ -320,37 +298,17 @@ class Navigator(TensorDictModuleBase):
 
     def _give_up(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
         """Close the edges that are stuck; the ends of each cut, ``[N, 2]``, or -1."""
-        onward = next_on_paths(self._onward, place.clamp(min=0), 1).squeeze(1)
-        stuck = self.attempts.count(place, onward, self._cost_of(place))
-        ends = torch.full((len(place), 2), -1)
+        path = self.ways.ahead(place, self.lookahead)
+        stuck = self.attempts.count(place, path[:, 0], self.ways.cost(place))
+        ends = torch.stack([place, target], 1).masked_fill(~stuck.unsqueeze(1), -1)
         for agent in stuck.nonzero().flatten().tolist():
-            edges = self._edges_to_close(agent, place, target, embedding)
-            self.blockages.cut(agent, edges)
-            self._plan([agent])
-            self.attempts.replan(agent, float(self._cost_of(place)[agent]))
-            ends[agent] = torch.stack([place[agent], target[agent]])
+            reached = int((path[agent] == target[agent]).nonzero()[0]) + 1
+            tried = torch.cat([place[agent : agent + 1], path[agent, :reached]])
+            here = int(place[agent])
+            alike = self.localiser.alike(embedding[agent], here)
+            self.ways.close(agent, tried, alike if self.cut_alike else alike[:0])
+            self.attempts.replan(agent, float(self.ways.cost(place)[agent]))
         return ends
-
-    def _edges_to_close(
-        self, agent: int, place: Tensor, target: Tensor, embedding: Tensor
-    ) -> Tensor:
-        """Those of the path up to the target and those that skip some of it."""
-        path = next_on_paths(
-            self._onward[agent : agent + 1], place[agent : agent + 1], self.lookahead
-        )[0]
-        reached = int((path == target[agent]).nonzero()[0]) + 1
-        edges = self.planner.edges_among(
-            torch.cat([place[agent : agent + 1], path[:reached]])
-        )
-        if self.cut_alike:
-            near = self.localiser.around(int(place[agent]))
-            like = self.localiser.similarity(
-                embedding[agent : agent + 1], near.unsqueeze(0)
-            )
-            alike = near[like[0] > self.localiser.tc_reach]
-            beside = self.planner.edges_onward(alike, self._costs[agent])
-            edges = torch.cat([edges, beside]).unique()
-        return edges
 
     def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
         """Draw the actions, int64 ``[N]`` on the CPU."""
@@ -363,25 +321,22 @@ class Navigator(TensorDictModuleBase):
     def _write(
         self,
         tensordict: TensorDictBase,
-        shape: torch.Size,
         action: Tensor,
         place: Tensor,
         target: Tensor,
         cut: Tensor,
-    ) -> None:
-        goal = place.clamp(min=0)
-        while not torch.equal(step := next_on_paths(self._onward, goal, 1)[:, 0], goal):
-            goal = step
+    ) -> TensorDictBase:
         told = (
             place,
             target.masked_fill(target == place, -1),
-            goal.masked_fill(place < 0, -1),
-            self._cost_of(place).float(),
+            self.ways.end(place),
+            self.ways.cost(place).float(),
             self.blockages.num_cuts,
             *cut.unbind(1),
             place < 0,
         )
-        device = tensordict.device
+        shape, device = tensordict.batch_size, tensordict.device
         tensordict.set(self.out_keys[0], action.reshape(shape).to(device))
         for key, value in zip(self.out_keys[1:], told, strict=True):
             tensordict.set(key, value.reshape(*shape, 1).to(device))
+        return tensordict

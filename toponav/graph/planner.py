@@ -138,28 +138,3 @@ class Planner:
         back = costs[first] < costs[second]
         leads = (inside[first] & there) | (inside[second] & back)
         return leads.nonzero().squeeze(1)
-
-
-def next_on_paths(onward: Tensor, place: Tensor, length: int) -> Tensor:
-    """The next waypoints on the ways of many agents.
-
-    Args:
-        onward: int64 ``[N, W]``, of each agent's `Plan`.
-        place: int64 ``[N]``, where the agents are.
-        length: how many waypoints to look ahead.
-
-    Returns:
-        int64 ``[N, length]``; where a way ends, its last waypoint repeats.
-
-    Examples:
-        >>> next_on_paths(torch.tensor([[1, 2, 2]]), torch.tensor([0]), 3)
-        tensor([[1, 2, 2]])
-
-    Shape notation:
-        N: agents.  W: waypoints.
-    """
-    found = []
-    for _ in range(length):
-        place = onward.gather(1, place.unsqueeze(1)).squeeze(1)
-        found.append(place)
-    return torch.stack(found, 1)

@@ -1,0 +1,116 @@
+"""`Ways`: the plan of each agent, with the edges that it found closed."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from toponav.graph.blockages import Blockages
+from toponav.graph.goal_nodes import GoalNodes
+from toponav.graph.planner import Planner
+
+
+class Ways:
+    """Keeps one plan an agent, and makes it anew when goals or closed edges change.
+
+    Args:
+        planner: of the map.
+        goals: the goal waypoints of each agent.
+        blockages: what each agent found closed.
+
+    Examples:
+        >>> planner = Planner(3, torch.tensor([[0, 1], [1, 2]]), torch.ones(2))
+        >>> goals = GoalNodes()
+        >>> goals.resize(1, 1, 4)
+        >>> goals.nodes[0], goals.counts[0] = 2, True
+        >>> ways = Ways(planner, goals, Blockages(1, 2))
+        >>> ways.plan([0])
+        >>> ways.cost(torch.tensor([0])), ways.ahead(torch.tensor([0]), 2)
+        (tensor([2.], dtype=torch.float64), tensor([[1, 2]]))
+
+    Shape notation:
+        N: agents.  W: waypoints.
+    """
+
+    def __init__(
+        self, planner: Planner, goals: GoalNodes, blockages: Blockages
+    ) -> None:
+        self.planner = planner
+        self.goals = goals
+        self.blockages = blockages
+        size = (len(blockages.closed), planner.num_nodes)
+        # What `Plan` holds, one row an agent.
+        self._costs = torch.full(size, torch.inf, dtype=torch.float64)
+        self._onward = torch.arange(size[1]).expand(size).clone()
+
+    def plan(self, agents: Sequence[int]) -> None:
+        """Make the plans of some agents anew."""
+        for agent in agents:
+            goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
+            plan = self.planner.plan(goals, self.blockages.closed[agent])
+            self._costs[agent] = plan.costs
+            self._onward[agent] = plan.onward
+
+    def cost(self, place: Tensor) -> Tensor:
+        """Cost of the way that is left from each agent's place.
+
+        Args:
+            place: int64 ``[N]``.
+
+        Returns:
+            float64 ``[N]``; infinite without a way, and for a place of -1.
+        """
+        found = self._costs.gather(1, place.clamp(min=0).unsqueeze(1)).squeeze(1)
+        return found.masked_fill(place < 0, torch.inf)
+
+    def ahead(self, place: Tensor, length: int) -> Tensor:
+        """The next waypoints on each agent's way.
+
+        Args:
+            place: int64 ``[N]``; -1 is taken for 0.
+            length: how many.
+
+        Returns:
+            int64 ``[N, length]``; where a way ends, its last waypoint repeats.
+        """
+        found, node = [], place.clamp(min=0).unsqueeze(1)
+        for _ in range(length):
+            node = self._onward.gather(1, node)
+            found.append(node)
+        return torch.cat(found, 1)
+
+    def end(self, place: Tensor) -> Tensor:
+        """The last waypoint on each agent's way, int64 ``[N]``, -1 without a way."""
+        node = place.clamp(min=0)
+        while not torch.equal(following := self.ahead(node, 1)[:, 0], node):
+            node = following
+        return node.masked_fill(self.cost(place).isinf(), -1)
+
+    def open_up(self, place: Tensor) -> None:
+        """Open the oldest cuts of agents that no way leads on, until one does.
+
+        Args:
+            place: int64 ``[N]``.
+        """
+        stranded = (place >= 0) & self.cost(place).isinf()
+        for agent in stranded.nonzero().flatten().tolist():
+            while self._costs[agent, place[agent]].isinf():
+                if not self.blockages.reopen_oldest(agent):
+                    break
+                self.plan([agent])
+
+    def close(self, agent: int, path: Tensor, beside: Tensor) -> None:
+        """Close what leads along a path, and what leads on beside it; plan anew.
+
+        Args:
+            agent: its number.
+            path: int64 ``[K]``; all edges among these waypoints close, those that skip
+                some of the path too.
+            beside: int64 ``[J]``; of these waypoints, all edges that lead nearer to
+                the goal.
+        """
+        planner = self.planner
+        edges = planner.edges_among(path)
+        onward = planner.edges_onward(beside, self._costs[agent])
+        self.blockages.cut(agent, torch.cat([edges, onward]).unique())
+        self.plan([agent])
