@@ -109,11 +109,11 @@ class Localiser:
         self.hops = hops
         self.window = window
         self.stay_above = stay_above
-        self._near: dict[int, Tensor] = {}
         self.resize(0)
 
     def resize(self, num_agents: int) -> None:
-        """Begin with N agents that have no place."""
+        """Begin with N agents that have no place, and with the map as it is now."""
+        self._near: dict[int, Tensor] = {}
         self.place = torch.full((num_agents,), -1)
         # The last views of each agent, newest first, and how many of them count.
         size = (num_agents, self.window, self.map.embeddings.shape[1])

@@ -3,6 +3,7 @@
 from toponav.transforms.area_downsample import AreaDownsample
 from toponav.transforms.count_reward import CountReward
 from toponav.transforms.coverage import Coverage
+from toponav.transforms.goal_views import GoalViews
 from toponav.transforms.intrinsic_reward import IntrinsicReward
 from toponav.transforms.noisy_tv import NOISE_LAWS, NoiseLaw, NoisyTV
 from toponav.transforms.novelty import (
@@ -23,6 +24,7 @@ __all__ = [
     "AreaDownsample",
     "CountReward",
     "Coverage",
+    "GoalViews",
     "IntrinsicReward",
     "NoiseLaw",
     "NoisyTV",
