@@ -1,6 +1,7 @@
 """From a command line to a recipe's settings, with errors of one sentence."""
 
 import dataclasses
+import hashlib
 import inspect
 import logging
 import os
@@ -27,6 +28,8 @@ Settings = TypeVar("Settings")
 
 _FAILED = 1
 _USAGE_ERROR = 2
+#: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
+_LONGEST_NAME = 200
 
 
 def recipe(
@@ -56,6 +59,7 @@ def recipe(
 
         def main() -> None:
             register()
+            OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
             signal.signal(signal.SIGTERM, _exit)
             # TorchRL tells of every buffer it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
@@ -74,6 +78,32 @@ def recipe(
         return main
 
     return decorate
+
+
+def folder_name(overrides: str) -> str:
+    """One folder's name for what a run of a sweep was told.
+
+    YAML writes it ``${folder_name:${hydra.job.override_dirname}}``.
+
+    Args:
+        overrides: settings and values, joined by commas. Values may be paths.
+
+    Returns:
+        The same without what would make folders of their own or need quotes in a
+        shell; a name that would be too long ends in a digest of the whole.
+
+    Examples:
+        >>> folder_name("maze=maze1,init_from=/runs/select")
+        'maze=maze1,init_from=-runs-select'
+        >>> folder_name("maze=maze1,maze.blocked=[a,b]")
+        'maze=maze1,maze.blocked=a,b'
+    """
+    bare = re.sub(r"[][{}$'\"\\]", "", overrides)
+    name = re.sub(r"[^\w.,=+-]+", "-", bare)
+    if len(name) > _LONGEST_NAME:
+        digest = hashlib.sha256(overrides.encode()).hexdigest()[:8]
+        name = f"{name[: _LONGEST_NAME - 9]}-{digest}"
+    return name
 
 
 def resumed_arguments(arguments: list[str]) -> list[str]:

@@ -1,12 +1,11 @@
 """`Localiser`: at which waypoint of a map each agent is."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
-Compare = Callable[[Tensor, Tensor], Tensor]
+from toponav.graph.waypoints import Compare
 
 # Comparisons of one call at most, so that a large map needs little memory.
 _AT_ONCE = 1 << 16

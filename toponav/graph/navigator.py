@@ -10,9 +10,10 @@ from torch import Tensor
 from toponav.graph.attempts import Attempts
 from toponav.graph.blockages import Blockages
 from toponav.graph.goal_nodes import GoalNodes
-from toponav.graph.localiser import Compare, Localiser, Map
+from toponav.graph.localiser import Localiser, Map
 from toponav.graph.planner import Planner
 from toponav.graph.sampler import ActionSampler
+from toponav.graph.waypoints import Compare, Embed
 from toponav.graph.ways import Ways
 from toponav.keys import (
     ACTION,
@@ -30,7 +31,6 @@ from toponav.keys import (
     TARGET,
 )
 
-Embed = Callable[[Tensor], Tensor]
 #: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
 Locomotion = Callable[[Tensor, Tensor], Tensor]
 

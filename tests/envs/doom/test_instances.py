@@ -66,7 +66,8 @@ class TestEndings:
         child = Child(
             "signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))\n"
             + ENV
-            + "tell(env)\ntime.sleep(60)"
+            # Not one long sleep: a signal just before it would not cut it short.
+            + "tell(env)\nwhile True: time.sleep(0.05)"
         )
         child.go_on()
         child.process.terminate()
