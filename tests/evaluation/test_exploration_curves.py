@@ -57,6 +57,12 @@ def test_the_return_names_its_parts_and_its_correlation_with_coverage() -> None:
     assert axes.get_title(loc="left").endswith("(correlation with coverage 1.00)")
 
 
+def test_new_networks_are_marked_where_the_learner_first_had_them() -> None:
+    metrics = METRICS | {"networks_version": [0.0, 1.0, 1.0]}
+    axes = draw_training(EPISODES, metrics, levels={}, window=2).axes[1]
+    assert lines(axes)["new networks"][0] == [256.0, 256.0]
+
+
 def test_small_panels_show_the_learner_with_gaps_left_out() -> None:
     axes = draw_training(EPISODES, METRICS, levels={}, window=2).axes
     panels = {one.get_title(loc="left"): lines(one) for one in axes[2:]}
@@ -83,5 +89,5 @@ def test_a_run_that_has_just_begun_shows_the_levels_alone(
     FigureCanvasAgg(figure).draw()
     assert list(lines(figure.axes[0])) == ["uniform random 42%", "sticky random 54%"]
     texts = [[text.get_text() for text in axes.texts] for axes in figure.axes]
-    assert texts == [[], *[["nothing yet"]] * 5]
+    assert texts == [[], *[["nothing to show"]] * 5]
     assert figure.get_suptitle() == "maze3"

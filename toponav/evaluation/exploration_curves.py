@@ -59,7 +59,8 @@ def draw_training(
             ``intrinsic_return``, and those of its parts, ``births``,
             ``false_births``, ``[N]`` each; NaN where there is none.
         metrics: columns of ``metrics.csv``: ``decisions``, ``entropy``,
-            ``loss_objective``, ``loss_critic``, ``loss_tc``, ``loss_locomotion``.
+            ``loss_objective``, ``loss_critic``, ``loss_tc``, ``loss_locomotion``,
+            ``networks_version``: where it changes, the rewards' scale may change.
         levels: coverage in [0, 1] to mark with a line, by name, such as that of a
             uniformly random walk.
         window: episodes in the running means.
@@ -78,7 +79,7 @@ def draw_training(
     grid = figure.add_gridspec(2, 4, height_ratios=[1.5, 1.0])
     seen, told = _columns(episodes), _columns(metrics)
     _draw_coverage(figure.add_subplot(grid[0, :2]), seen, levels, window)
-    _draw_return(figure.add_subplot(grid[0, 2:]), seen, window)
+    _draw_return(figure.add_subplot(grid[0, 2:]), seen, told, window)
     for number, (heading, table, names) in enumerate(_SMALL):
         axes = figure.add_subplot(grid[1, number])
         _draw_small(axes, seen if table == "episodes" else told, names, window)
@@ -127,9 +128,12 @@ def _draw_coverage(
 
 
 def _draw_return(
-    axes: Axes, episodes: Mapping[str, NDArray[np.float64]], window: int
+    axes: Axes,
+    episodes: Mapping[str, NDArray[np.float64]],
+    metrics: Mapping[str, NDArray[np.float64]],
+    window: int,
 ) -> None:
-    """The sum that is learned from, and the means of its two parts."""
+    """The sum that is learned from, its two parts, and new versions of the networks."""
     heading = "Intrinsic return"
     if "coverage" in episodes and "intrinsic_return" in episodes:
         together = correlation(episodes["intrinsic_return"], episodes["coverage"])
@@ -149,6 +153,14 @@ def _draw_return(
             )
     if axes.lines:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    versions = metrics.get("networks_version", np.empty(0))
+    for number, place in enumerate(np.flatnonzero(np.diff(versions) > 0)):
+        axes.axvline(
+            metrics["decisions"][place + 1],
+            color=_GREY,
+            linewidth=0.8,
+            label=None if number else "new networks",
+        )
     _dress(axes, heading)
     _legend(axes, size=8)
 
@@ -208,7 +220,7 @@ def _legend(axes: Axes, size: float = 7.5) -> None:
         axes.text(
             0.5,
             0.5,
-            "nothing yet",
+            "nothing to show",
             color=_GREY,
             fontsize=9,
             ha="center",
