@@ -44,7 +44,9 @@ def test_it_leaves_plan_views_and_video(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_sweep_makes_readable_folders(tmp_path: Path) -> None:
-    done = tour(tmp_path, "-m", "maze=maze1", "maze.blocked=[],[a,b]", *SMALL, "video=gif")
+    done = tour(
+        tmp_path, "-m", "maze=maze1", "maze.blocked=[],[a,b]", *SMALL, "video=gif"
+    )
     assert done.returncode == 0, done.stderr
     (sweep,) = (tmp_path / "multirun/tour").iterdir()
     (first,) = sweep.glob("*maze.blocked=a,b*")
