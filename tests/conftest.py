@@ -9,10 +9,15 @@ from pathlib import Path
 import psutil
 import pytest
 import torch
+from hypothesis import settings
 
 from toponav.envs.doom import instances
 
 torch.set_num_threads(1)
+# No deadline: a busy machine makes an example late, not wrong. The same examples each
+# time where a change is judged (CI), new ones where it is made.
+settings.register_profile("toponav", deadline=None, derandomize="CI" in os.environ)
+settings.load_profile("toponav")
 
 
 @pytest.fixture(scope="session", autouse=True)
