@@ -1,5 +1,8 @@
 """The topological map: waypoints, edges, and the file they are kept in."""
 
+from toponav.graph.localiser import Localiser, Map
+from toponav.graph.navigator import Locomotion, Navigator
+from toponav.graph.planner import Plan, Planner
 from toponav.graph.rules import EdgeRule, ExtendBy, Rules
 from toponav.graph.topological_map import TopologicalMap
 from toponav.graph.waypoint_graph import WaypointGraph
@@ -10,6 +13,12 @@ __all__ = [
     "EdgeRule",
     "Embed",
     "ExtendBy",
+    "Localiser",
+    "Locomotion",
+    "Map",
+    "Navigator",
+    "Plan",
+    "Planner",
     "Rules",
     "TopologicalMap",
     "WaypointGraph",

@@ -10,7 +10,8 @@ class Attempts:
     An edge is *stuck* once ``patience`` decisions were spent on it since the agent
     last *got on*, that is, came nearer to its goal than ever since the last plan, by
     the cost of the path that is left. An agent that is driven off and comes back goes
-    on counting where it was; one that sways between two places counts for both.
+    on counting where it was; one that sways between two places counts for both. An
+    edge that was walked to its end is none that is stuck, and is counted anew.
 
     Reference:
         The paper, "Goal reaching process": "if the goal is not reached within a certain
@@ -44,12 +45,15 @@ class Attempts:
         """Begin with N agents that have tried nothing."""
         self._least = torch.full((num_agents,), torch.inf, dtype=torch.float64)
         self._spent: list[dict[tuple[int, int], int]] = [{} for _ in range(num_agents)]
+        # The edge that each agent tried last.
+        self._tried: list[tuple[int, int]] = [(-1, -1)] * num_agents
 
     def restart(self, agents: Tensor) -> None:
         """Forget everything of the agents of a mask, bool ``[N]``."""
         self._least[agents] = torch.inf
         for agent in agents.nonzero().flatten().tolist():
             self._spent[agent].clear()
+            self._tried[agent] = (-1, -1)
 
     def replan(self, agent: int, cost: float) -> None:
         """Measure getting on from a new plan; what was spent on edges stays.
@@ -79,9 +83,14 @@ class Attempts:
         for agent in gets_on.nonzero().flatten().tolist():
             self._spent[agent].clear()
         self._least = torch.where(gets_on, cost.double(), self._least)
-        for agent in (has_way & ~gets_on).nonzero().flatten().tolist():
-            edge = (int(place[agent]), int(onward[agent]))
-            spent = self._spent[agent].get(edge, 0) + 1
-            stuck[agent] = spent >= self.patience
-            self._spent[agent][edge] = 0 if stuck[agent] else spent
+        for agent in has_way.nonzero().flatten().tolist():
+            here, spent = int(place[agent]), self._spent[agent]
+            if self._tried[agent][1] == here:
+                spent.pop(self._tried[agent], None)
+            edge = self._tried[agent] = (here, int(onward[agent]))
+            if not gets_on[agent]:
+                spent[edge] = spent.get(edge, 0) + 1
+                if spent[edge] >= self.patience:
+                    stuck[agent] = True
+                    del spent[edge]
         return stuck

@@ -58,8 +58,8 @@ class Navigator(TensorDictModuleBase):
     2. *plan*: the cheapest way to the nearest of the waypoints that stand for the goal
        (`GoalNodes`, `Planner`), around the edges that were found closed;
     3. *aim*: at the farthest of the next ``lookahead`` waypoints of the path that is
-       reachable, by a similarity above ``tc_reach``, else at the next one; at the
-       goal's own waypoint, at the goal view;
+       reachable, by a similarity above ``tc_reach`` and not over a closed edge, else
+       at the next one; at the goal's own waypoint, at the goal view;
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
     5. *give up*: if the first edge of the path is stuck (`Attempts`), it and all edges
        among the waypoints up to the target are closed (`Blockages`), and the agent
@@ -291,6 +291,7 @@ class Navigator(TensorDictModuleBase):
         place = place.masked_fill(self.ways.cost(place).isinf(), -1)
         path = self.ways.ahead(place, self.lookahead)
         reachable = self.localiser.similarity(embedding, path) > self.localiser.tc_reach
+        reachable &= ~self.ways.leaps(place, path)
         reachable[:, 0] = True
         farthest = self.lookahead - 1 - reachable.flip(1).int().argmax(1)
         target = path.gather(1, farthest.unsqueeze(1)).squeeze(1)

@@ -71,6 +71,8 @@ class Planner:
         self.num_nodes = num_nodes
         self.edges = edges.cpu()
         self._cost = edge_cost.double().cpu()
+        keys = self.edges.min(1).values * num_nodes + self.edges.max(1).values
+        self._keys, self._order = keys.sort()
         self._graph = rx.PyGraph(multigraph=True)
         self._graph.add_nodes_from(range(num_nodes))
         numbered = [(i, j, e) for e, (i, j) in enumerate(self.edges.tolist())]
@@ -117,6 +119,19 @@ class Planner:
         onward = onward.scatter_reduce(0, here[is_best], there[is_best], "amin")
         stay = torch.arange(self.num_nodes)
         return torch.where(onward == self.num_nodes, stay, onward)
+
+    def edge_numbers(self, start: Tensor, end: Tensor) -> Tensor:
+        """Numbers of the edges that join waypoints, -1 where there is none.
+
+        Args:
+            start: int64 ``[*B]``.
+            end: int64 ``[*B]``.
+        """
+        if not len(self._keys):
+            return torch.full_like(start, -1)
+        keys = torch.minimum(start, end) * self.num_nodes + torch.maximum(start, end)
+        at = torch.searchsorted(self._keys, keys).clamp(max=len(self._keys) - 1)
+        return torch.where(self._keys[at] == keys, self._order[at], -1)
 
     def edges_among(self, nodes: Tensor) -> Tensor:
         """Numbers of the edges whose two ends are both in ``nodes``, int64 ``[K]``."""

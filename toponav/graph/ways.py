@@ -79,6 +79,22 @@ class Ways:
             found.append(node)
         return torch.cat(found, 1)
 
+    def leaps(self, place: Tensor, path: Tensor) -> Tensor:
+        """Which waypoints ahead an agent would reach by an edge that it found closed.
+
+        Args:
+            place: int64 ``[N]``.
+            path: int64 ``[N, L]``, of `ahead`.
+
+        Returns:
+            bool ``[N, L]``.
+        """
+        start = place.clamp(min=0).unsqueeze(1).expand_as(path)
+        edge = self.planner.edge_numbers(start, path)
+        if not self.blockages.closed.any():
+            return torch.zeros_like(edge, dtype=torch.bool)
+        return self.blockages.closed.gather(1, edge.clamp(min=0)) & (edge >= 0)
+
     def end(self, place: Tensor) -> Tensor:
         """The last waypoint on each agent's way, int64 ``[N]``, -1 without a way."""
         node = place.clamp(min=0)
