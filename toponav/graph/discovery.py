@@ -52,14 +52,14 @@ class Track:
         self.places.append(place)
         self.cursor += 1
 
-    def follow(self, piece: Piece, window: int) -> None:
-        """Take in the next observations; those whose vote is complete are due."""
+    def follow(self, piece: Piece, lookahead: int) -> None:
+        """Take in the next observations; those that have their votes are due."""
         self.frames = torch.cat([self.frames, piece.embeddings])
         if self.images is not None and piece.images is not None:
             self.images = torch.cat([self.images, piece.images])
         else:
             self.images = None
-        missing = 0 if piece.ends else window
+        missing = 0 if piece.ends else lookahead
         self.stop = max(len(self.frames) - missing, self.cursor)
         self.places = []
 
@@ -124,18 +124,34 @@ class Discovery:
             For each piece int64 ``[A]``: waypoints of the observations that were
             decided, which are all once an episode has ended.
         """
+        waves: list[list[int]] = []
+        seen: dict[int, int] = {}
+        for at, piece in enumerate(pieces):
+            wave = seen[piece.env] = seen.get(piece.env, -1) + 1
+            if wave == len(waves):
+                waves.append([])
+            waves[wave].append(at)
+        places = [torch.empty(0, dtype=torch.int64)] * len(pieces)
+        for some in waves:
+            found = self._add_side_by_side([pieces[at] for at in some])
+            for at, one in zip(some, found, strict=True):
+                places[at] = one
+        return places
+
+    def _add_side_by_side(self, pieces: Sequence[Piece]) -> list[Tensor]:
+        """`add` for pieces of different environments."""
         tracks = []
         for piece in pieces:
             track = self._tracks.pop(piece.env, None) or self._begin(piece)
-            track.follow(piece, self.rules.window)
+            track.follow(piece, self.rules.lookahead)
             self._counts[piece.env] = track.number + len(track.frames)
-            if not piece.ends:
-                self._tracks[piece.env] = track
             tracks.append(track)
         while due := [track for track in tracks if track.cursor < track.stop]:
             self._advance(due)
-        for track in self._tracks.values():
-            track.shorten(self.rules.context)
+        for piece, track in zip(pieces, tracks, strict=True):
+            if not piece.ends:
+                track.shorten(self.rules.context)
+                self._tracks[piece.env] = track
         return [torch.tensor(track.places, dtype=torch.int64) for track in tracks]
 
     def _begin(self, piece: Piece) -> Track:
@@ -225,20 +241,22 @@ class Discovery:
 
     def _search(self, track: Track) -> None:
         """Find the next frame among all waypoints, or make it one."""
-        window, threshold = self.rules.window, self.rules.tc_threshold
+        window, threshold = self.rules.search_window, self.rules.tc_threshold
         start = max(track.cursor - window, 0)
         frames = track.frames[start : track.cursor + window + 1]
-        known = self.waypoints.similarities(frames[[track.cursor - start]])[0]
+        frame = frames[track.cursor - start]
+        some = self.waypoints.alike(frame, self.rules.shortlist)
+        known = self.waypoints.similarities(frame.unsqueeze(0), some)[0]
         # A mean above the threshold leaves no single vote below this.
         least = 1 - len(frames) * (1 - threshold) - _ROUNDING
-        some = (known > least).nonzero().flatten()
-        if len(some):
-            votes = self.waypoints.similarities(frames, some)
+        likely = some[known > least]
+        if len(likely):
+            votes = self.waypoints.similarities(frames, likely)
             mean = np.asarray(votes, np.float64).mean(0)
             best = int(mean.argmax())
             if mean[best] > threshold:
-                return self._move(track, int(some[best]))
-        return self._bear(track, known)
+                return self._move(track, int(likely[best]))
+        return self._bear(track, some, known)
 
     def _move(self, track: Track, place: int) -> None:
         before = track.place
@@ -248,32 +266,35 @@ class Discovery:
                 self.graph.walk(before, place)
         track.arrive(place)
 
-    def _bear(self, track: Track, known: Tensor) -> None:
+    def _bear(self, track: Track, some: Tensor, known: Tensor) -> None:
         """Make the next frame a waypoint.
 
         Args:
             track: of the frame.
-            known: its similarity to all waypoints, ``[W]``.
+            some: waypoints that are most like it, int64 ``[A]``.
+            known: how much, ``[A]``.
         """
         at, before = track.cursor, track.place
         image = None if track.images is None else track.images[at]
         origin = torch.tensor([track.env, track.number + at])
         if self.rules.extend_by == "previous" and not track.is_first:
-            known = self._seen_before(track, known)
+            some, known = self._seen_before(track)
         place = self.waypoints.add(track.frames[at], image, origin)
         self.graph.add_waypoint()
         if self.rules.by_reach:
-            others = (known > self.rules.tc_reach).nonzero().flatten()
-            self.graph.see(place, others.tolist(), known[others].tolist())
+            reached = known > self.rules.tc_reach
+            self.graph.see(place, some[reached].tolist(), known[reached].tolist())
         if before >= 0 and (self.rules.by_time or self.graph.has_edge(before, place)):
             self.graph.walk(before, place)
         track.arrive(place)
 
-    def _seen_before(self, track: Track, known: Tensor) -> Tensor:
-        """What the observation before the next one is like, ``[W]``; eq. 12."""
+    def _seen_before(self, track: Track) -> tuple[Tensor, Tensor]:
+        """Waypoints like the observation before the next one, and how much; eq. 12."""
         if not track.cursor:
-            return torch.zeros_like(known)
-        return self.waypoints.similarities(track.frames[[track.cursor - 1]])[0]
+            return torch.zeros(0, dtype=torch.int64), torch.zeros(0)
+        frame = track.frames[track.cursor - 1]
+        some = self.waypoints.alike(frame, self.rules.shortlist)
+        return some, self.waypoints.similarities(frame.unsqueeze(0), some)[0]
 
 
 def moving_mean(

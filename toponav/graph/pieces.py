@@ -7,6 +7,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from toponav.graph.waypoints import check_finite
 from toponav.keys import DONE, EMBEDDING, ENV_ID, NETWORKS_VERSION, PIXELS, REWARD
 
 
@@ -51,7 +52,7 @@ def read_pieces(
         The pieces, environment by environment, in the order of time.
 
     Raises:
-        ValueError: if something is missing.
+        ValueError: if something is missing or an embedding is not finite.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -100,6 +101,7 @@ def _embeddings(
     if embeddings is not None:
         if version is None or bool((version == network_version).all()):
             known: Tensor = embeddings.float().cpu()
+            check_finite(known)
             return known
         if images is None:
             raise ValueError(

@@ -25,18 +25,22 @@ class Rules:
     edges: EdgeRule = "both"
     extend_by: ExtendBy = "itself"
     link_transitions: bool = True
-    window: int = 3
+    window: int = 1
+    search_window: int = 2
     hysteresis: bool = True
     nearby: int | None = 16
+    shortlist: int | None = 32
 
     def __post_init__(self) -> None:
         self.set_thresholds(self.tc_threshold, self.tc_reach)
         _check_choice("edges", self.edges, ("both", "reach", "time"))
         _check_choice("extend_by", self.extend_by, ("itself", "previous"))
-        if self.window < 0:
-            raise ValueError(f"window must be at least 0, got {self.window}")
-        if self.nearby is not None and self.nearby < 1:
-            raise ValueError(f"nearby must be None or at least 1, got {self.nearby}")
+        for name in ("window", "search_window"):
+            if (value := getattr(self, name)) < 0:
+                raise ValueError(f"{name} must be at least 0, got {value}")
+        for name in ("nearby", "shortlist"):
+            if (value := getattr(self, name)) is not None and value < 1:
+                raise ValueError(f"{name} must be None or at least 1, got {value}")
 
     def set_thresholds(
         self, tc_threshold: float | None, tc_reach: float | None
@@ -69,7 +73,12 @@ class Rules:
     @property
     def context(self) -> int:
         """Observations to keep that are decided: they vote on, and extend, the next."""
-        return max(self.window, 1)
+        return max(self.lookahead, 1)
+
+    @property
+    def lookahead(self) -> int:
+        """Observations that must be known after one that is decided."""
+        return max(self.window, self.search_window)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

@@ -1,0 +1,131 @@
+"""`map_quality`: a map judged by the truth."""
+
+import math
+from functools import partial
+
+import pytest
+import torch
+
+from toponav.evaluation import MazeMetric, draw_plan
+from toponav.evaluation.map_figure import draw_topological_map
+from toponav.evaluation.map_quality import covered_cells, edge_lengths, map_quality
+
+# Two corridors of six cells, joined at their west ends by a third.
+MASK = torch.tensor([[1, 1, 1, 1, 1, 1], [1, 0, 0, 0, 0, 0], [1, 1, 1, 1, 1, 1]]).bool()
+
+
+@pytest.fixture(scope="module")
+def metric() -> MazeMetric:
+    return MazeMetric(MASK)
+
+
+def at(*places: tuple[int, int, float]) -> torch.Tensor:
+    """Poses in the middles of cells: row, column and heading."""
+    return torch.tensor(
+        [[(col + 0.5) * 128, (2.5 - row) * 128, turn] for row, col, turn in places]
+    )
+
+
+def test_cells_with_a_waypoint_are_covered(metric) -> None:
+    covered = covered_cells(metric, at((0, 0, 0), (0, 0, 90), (2, 5, 0)))
+    assert covered.nonzero().flatten().tolist() == [0, 12]
+    assert not covered_cells(metric, torch.zeros(0, 3)).any()
+
+
+def test_an_edge_through_a_wall_is_as_long_as_the_way_around(metric) -> None:
+    poses = at((0, 5, 0), (2, 5, 0), (0, 3, 0))
+    lengths = edge_lengths(metric, poses, torch.tensor([[0, 1], [0, 2]]))
+    # Around: at least 5 + 2 + 5 cells but for the corners; straight: 2 cells.
+    assert 10 * 128 < lengths[0] < 12 * 128
+    assert lengths[1] == pytest.approx(2 * 128)
+
+
+def test_false_edges_are_those_that_are_far_on_foot(metric) -> None:
+    poses = at((0, 2, 0), (0, 5, 0), (2, 2, 0), (0, 0, 0), (2, 0, 0))
+    # 0-1 spans three cells, 0-2 a wall; 0-3 two cells; 3-4 two.
+    edges = torch.tensor([[0, 1], [0, 2], [0, 3], [3, 4]])
+    quality = map_quality(metric, poses, edges, torch.tensor([1.0, 3.0, 1.0, 1.0]))
+    assert quality.false_edges == pytest.approx(1 / 4)
+    assert quality.false_walked_edges == 0
+    assert (quality.waypoints, quality.edges) == (5, 4)
+    assert quality.coverage == pytest.approx(5 / 13)
+    assert (quality.components, quality.largest_component) == (1, 1.0)
+    # Closer than that, the edge of three cells is false as well.
+    tight = map_quality(metric, poses, edges, torch.ones(4), far_cells=2.5)
+    assert tight.false_edges == tight.false_walked_edges == pytest.approx(1 / 2)
+
+
+def test_an_edge_is_missing_where_no_short_path_joins_close_views(metric) -> None:
+    # 0, 1 and 2 lie a cell apart and look east; 3 lies on 0 and looks west.
+    poses = at((0, 0, 0), (0, 1, 20), (0, 2, 350), (0, 0, 180))
+    one_edge = torch.tensor([[0, 1]])
+    # Close pairs: 0-1 and 1-2, from both ends; 1-2 has no path.
+    quality = map_quality(metric, poses, one_edge, torch.ones(1))
+    assert quality.missing_edges == pytest.approx(1 / 2)
+    # By way of 3, 1-2 takes three edges: short enough for three hops, not for two.
+    around = torch.tensor([[0, 1], [0, 3], [2, 3]])
+    for hops, missing in ((3, 0.0), (2, 1 / 2)):
+        quality = map_quality(metric, poses, around, torch.ones(3), hops=hops)
+        assert quality.missing_edges == pytest.approx(missing)
+
+
+def test_a_path_by_way_of_a_far_place_stretches(metric) -> None:
+    # From 0 to 1, five cells: by the detour to 2 and back nine.
+    poses = at((0, 0, 0), (0, 5, 0), (2, 0, 0))
+    straight = map_quality(metric, poses, torch.tensor([[0, 1]]), torch.ones(1))
+    assert straight.stretch == pytest.approx(1.0)
+    edges, cost = torch.tensor([[0, 1], [0, 2], [1, 2]]), torch.tensor([9.0, 1.0, 1.0])
+    detour = map_quality(metric, poses, edges, cost, seed=3)
+    assert detour.mean_stretch > 1.05
+    # A dear edge is taken if the others are dearer still.
+    assert map_quality(metric, poses, edges, torch.ones(3)).stretch == 1.0
+
+
+def test_parts_are_counted(metric) -> None:
+    poses = at((0, 0, 0), (0, 1, 0), (2, 5, 0))
+    quality = map_quality(metric, poses, torch.tensor([[0, 1]]), torch.ones(1))
+    assert quality.components == 2
+    assert quality.largest_component == pytest.approx(2 / 3)
+
+
+def test_a_map_without_edges_or_waypoints_has_a_quality(metric) -> None:
+    none = torch.zeros(0, 2, dtype=torch.int64)
+    for poses in (torch.zeros(0, 3), at((0, 0, 0))):
+        quality = map_quality(metric, poses, none, torch.zeros(0))
+        assert quality.coverage == pytest.approx(len(poses) / 13)
+        assert quality.components == len(poses)
+        assert math.isnan(quality.false_edges)
+        assert math.isnan(quality.missing_edges)
+        assert math.isnan(quality.stretch)
+
+
+@pytest.mark.parametrize(
+    ("poses", "edges", "message"),
+    [
+        (torch.zeros(2, 2), torch.tensor([[0, 1]]), r"poses must be \[W, 3\]"),
+        (at((0, 0, 0)), torch.tensor([0]), r"edges must be \[1, 2\] as edge_cost"),
+        (at((1, 3, 0)), torch.tensor([[0, 0]]), "must lie on the maze's floor"),
+    ],
+)
+def test_shapes_and_places_are_checked(metric, poses, edges, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        map_quality(metric, poses, edges, torch.ones(1))
+
+
+def test_the_picture_shows_each_kind_of_edge() -> None:
+    poses = at((0, 0, 0), (0, 1, 0), (2, 0, 0))
+    edges, cost = torch.tensor([[0, 1], [0, 2], [1, 2]]), torch.tensor([1.0, 3.0, 1.0])
+    false = torch.tensor([False, False, True])
+    figure = draw_topological_map(
+        poses, edges, cost, false, draw=partial(draw_plan, open_mask=MASK), title="map"
+    )
+    (axes,) = figure.axes
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == [
+        "1 edges only seen",
+        "1 edges walked",
+        "1 edges false",
+        "3 waypoints, looking along the line",
+    ]
+    with pytest.raises(ValueError, match="must have one length, got 3, 3 and 1"):
+        draw_topological_map(poses, edges, cost, false[:1], draw=lambda axes: None)

@@ -1,0 +1,135 @@
+"""The file of a map: bit-equal, atomic, readable without this package."""
+
+import io
+import json
+import zipfile
+
+import networkx
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from tests.graph.grey_world import episode, make_map
+from toponav.graph import MapFileError, load_map, save_map
+
+
+@pytest.fixture
+def state():
+    torch.manual_seed(0)
+    grown = make_map()
+    grown.add_episode(episode(0, 20, 60, 20, views=True))
+    state = grown.state_dict()
+    # Anything that float32 and bytes can hold.
+    state["embeddings"] = torch.randn_like(state["embeddings"]) * 1e-20
+    state["images"] = torch.randint(0, 256, (3, 5, 4, 3), dtype=torch.uint8)
+    state["edge_similarity"] = torch.tensor([0.1, float("nan"), 1 / 3])[
+        : len(state["edges"])
+    ]
+    return state | {"network_version": 3, "tc_threshold": 0.1 + 0.7}
+
+
+def same(one, other):
+    assert one.keys() == other.keys()
+    for name, value in one.items():
+        if isinstance(value, torch.Tensor):
+            assert value.dtype == other[name].dtype, name
+            assert value.shape == other[name].shape, name
+            assert value.numpy().tobytes() == other[name].numpy().tobytes(), name
+        else:
+            assert value == other[name], name
+
+
+def test_it_loads_to_the_last_bit(state, tmp_path) -> None:
+    save_map(state, tmp_path / "map.zip", about={"maze": "maze1"})
+    loaded, about = load_map(tmp_path / "map.zip")
+    same(state, loaded)
+    assert about == {"maze": "maze1"}
+    make_map().load_state_dict(loaded)
+
+
+def test_one_map_gives_one_file(state, tmp_path) -> None:
+    for name in ("a.zip", "b.zip"):
+        save_map(state, tmp_path / name)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zip", "b.zip"]
+
+
+def test_a_map_without_views_and_an_empty_one_are_files_too(tmp_path) -> None:
+    grown = make_map()
+    for number in range(2):
+        save_map(grown.state_dict(), tmp_path / f"{number}.zip")
+        same(grown.state_dict(), load_map(tmp_path / f"{number}.zip")[0])
+        grown.add_episode(episode(0, 50))
+
+
+def test_others_read_it_without_this_package(state, tmp_path) -> None:
+    save_map(state, tmp_path / "map.zip")
+    with zipfile.ZipFile(tmp_path / "map.zip") as archive:
+        graph = networkx.node_link_graph(
+            json.loads(archive.read("graph.json")), edges="edges"
+        )
+        embeddings = np.load(io.BytesIO(archive.read("embeddings.npy")))
+        view = np.asarray(Image.open(io.BytesIO(archive.read("views/000001.png"))))
+    assert sorted(graph.edges) == [tuple(pair) for pair in state["edges"].tolist()]
+    assert graph.nodes[2] == {"environment": 0, "observation": 2}
+    assert (embeddings == state["embeddings"].numpy()).all()
+    assert (view == state["images"][1].numpy()).all()
+
+
+def test_a_write_that_fails_leaves_the_old_file(state, tmp_path) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    before = path.read_bytes()
+    broken = state | {"images": state["images"].float()}
+    with pytest.raises(ValueError, match=r"uint8 \[H, W, 3\], got torch.float32 \[5"):
+        save_map(broken, path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def damaged(path, how):
+    data = path.read_bytes()
+    if how == "empty":
+        path.write_bytes(b"")
+    elif how == "cut":
+        path.write_bytes(data[: len(data) // 2])
+    elif how == "flipped":
+        middle = data.index(b"IDAT") + 8
+        path.write_bytes(
+            data[:middle] + bytes([data[middle] ^ 255]) + data[middle + 1 :]
+        )
+    elif how == "other":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("a.txt", "hello")
+    elif how == "newer":
+        with zipfile.ZipFile(path, "w") as archive:
+            told = {"format": "toponav map", "format_version": 9}
+            archive.writestr("graph.json", json.dumps(told))
+    elif how == "list":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("graph.json", "[1]")
+    else:
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("gone", "a map must be a file, got "),
+        ("empty", "got the damaged "),
+        ("cut", "got the damaged "),
+        ("flipped", "got the damaged "),
+        ("list", "got the damaged "),
+        ("other", "a map must hold graph.json, got "),
+        ("newer", "a map must be of version 1, got .* with toponav map 9"),
+    ],
+)
+def test_what_is_no_map_is_said_in_one_sentence(state, tmp_path, how, message) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    damaged(path, how)
+    with pytest.raises(MapFileError, match=message) as caught:
+        load_map(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)

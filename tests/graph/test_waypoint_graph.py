@@ -1,0 +1,112 @@
+"""`WaypointGraph`: edges, their evidence, and what is near."""
+
+import math
+
+import pytest
+import torch
+
+from toponav.graph import WaypointGraph
+
+
+def line(length, **arguments):
+    """Waypoints in a row, all walked."""
+    graph = WaypointGraph(**arguments)
+    for _ in range(length):
+        graph.add_waypoint()
+    for one in range(length - 1):
+        graph.walk(one, one + 1)
+    return graph
+
+
+def test_an_edge_costs_less_once_it_was_walked() -> None:
+    graph = line(3, unwalked_cost=4.0)
+    graph.see(2, [0], [0.8])
+    assert graph.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert graph.edge_cost.tolist() == [1, 4, 1]
+    graph.walk(0, 2)
+    assert graph.edge_cost.tolist() == [1, 1, 1]
+    assert graph.traversals.tolist() == [1, 1, 1]
+    assert graph.edge_similarity[1].item() == pytest.approx(0.8)
+
+
+def test_the_version_goes_up_when_something_changes_and_only_then() -> None:
+    graph = line(2)
+    version = graph.version
+    graph.walk(0, 1)
+    graph.walk(1, 1)
+    graph.see(0, [], [])
+    assert graph.version == version
+    assert graph.traversals.tolist() == [2]
+    for change in (graph.add_waypoint, lambda: graph.walk(0, 2)):
+        change()
+        assert graph.version == version + 1
+        version = graph.version
+
+
+def test_a_waypoint_is_no_neighbour_of_itself() -> None:
+    graph = line(2)
+    graph.see(1, [1], [1.0])
+    graph.walk(1, 1)
+    assert graph.edges.tolist() == [[0, 1]]
+
+
+def test_what_is_near_is_counted_in_edges() -> None:
+    graph = line(6)
+    assert graph.neighbours(2) == [1, 3]
+    assert graph.neighbourhood(2, 0).tolist() == [2]
+    assert graph.neighbourhood(2, 2).tolist() == [0, 1, 2, 3, 4]
+    assert graph.neighbourhood(2, 99).tolist() == [0, 1, 2, 3, 4, 5]
+    assert graph.nearby(2, 1) == [2]
+    assert graph.nearby(2, 3) == [1, 2, 3]
+    assert graph.nearby(2, 99) == [0, 1, 2, 3, 4, 5]
+
+
+def test_walked_neighbours_are_nearer_than_seen_ones() -> None:
+    graph = line(2)
+    graph.add_waypoint()
+    graph.add_waypoint()
+    graph.see(1, [2], [0.9])
+    graph.walk(1, 3)
+    assert graph.nearby(1, 3) == [0, 1, 3]
+    graph.walk(1, 2)
+    assert graph.nearby(1, 3) == [0, 1, 2]
+
+
+def test_parts_that_no_path_joins() -> None:
+    graph = line(3)
+    graph.add_waypoint()
+    assert graph.components() == [{0, 1, 2}, {3}]
+
+
+def test_edges_that_nothing_speaks_for_are_dropped() -> None:
+    graph = line(2)
+    for _ in range(2):
+        graph.add_waypoint()
+    graph.see(3, [0, 1], [0.9, 0.9])
+    # 0-1 was walked, 0-3 is above 0.7, 1-3 is not; NaN never is.
+    assert graph.judge(torch.tensor([0.1, 0.8, 0.7]), 0.7) == 1
+    assert graph.edges.tolist() == [[0, 1], [0, 3]]
+    assert graph.judge(torch.tensor([math.nan, math.nan]), 0.7) == 1
+    assert graph.edges.tolist() == [[0, 1]]
+
+
+def test_merging_adds_traversals_up_and_keeps_the_best_similarity() -> None:
+    graph = line(4)
+    graph.see(3, [1], [0.6])
+    graph.see(0, [1], [0.7])
+    # 0 and 3 become one: 0-1 (once, 0.7) and 1-3 (never, 0.6) too, and 2-3 is 0-2.
+    graph.merge(torch.tensor([0, 1, 2, 0]))
+    assert graph.num_waypoints == 3
+    assert graph.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert graph.traversals.tolist() == [1, 1, 1]
+    assert graph.edge_similarity[0].item() == pytest.approx(0.7)
+    assert graph.edge_similarity[1:].isnan().all()
+    # All in one: no edge is left.
+    graph.merge(torch.zeros(3, dtype=torch.int64))
+    assert graph.edges.shape == (0, 2)
+
+
+def test_edges_must_join_waypoints() -> None:
+    graph = WaypointGraph()
+    with pytest.raises(ValueError, match="must join waypoints 0 to 1, got 0 to 2"):
+        graph.restore(2, torch.tensor([[0, 2]]), torch.ones(1), torch.ones(1))

@@ -1,0 +1,225 @@
+"""The file of a map: a zip archive that opens without this package.
+
+- `save_map`, `load_map`: write and read it.
+
+Inside are ``graph.json`` (settings, nodes and edges in the node-link form that
+networkx, D3 and others read), ``embeddings.npy``, ``prepared.npy`` and
+``views/000000.png`` and so on.
+"""
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+_FORMAT, _VERSION = "toponav map", 1
+_NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
+#: Every entry has this date, so that one map gives one file to the last byte.
+_DATE = (1980, 1, 1, 0, 0, 0)
+
+#: What reading bytes that are no map may raise.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    AttributeError,
+    KeyError,
+    ValueError,
+    TypeError,
+    OSError,
+    EOFError,
+)
+
+
+class MapFileError(ValueError):
+    """A file that is no map."""
+
+
+def save_map(
+    state: Mapping[str, Any],
+    path: Path | str,
+    *,
+    about: Mapping[str, str] | None = None,
+) -> None:
+    """Write a map into one file, or leave the old one as it is.
+
+    The name changes hands in one step, after the bytes have reached the disk.
+
+    Args:
+        state: `TopologicalMap.state_dict`.
+        path: the file; its folder must exist.
+        about: words to keep with it, such as the maze's name.
+
+    Raises:
+        ValueError: if the views are no RGB pictures of bytes.
+
+    Examples:
+        >>> import tempfile
+        >>> from toponav.graph import TopologicalMap, load_map
+        >>> grown = TopologicalMap(
+        ...     embed=lambda views: views.flatten(1).float(),
+        ...     compare=lambda one, many: 1 - (one.unsqueeze(1) - many).abs().mean(-1),
+        ...     tc_threshold=0.9,
+        ...     tc_reach=0.7,
+        ... )
+        >>> path = Path(tempfile.mkdtemp()) / "map.zip"
+        >>> save_map(grown.state_dict(), path, about={"maze": "maze1"})
+        >>> state, about = load_map(path)
+        >>> grown.load_state_dict(state)
+        >>> about
+        {'maze': 'maze1'}
+    """
+    path = Path(path)
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with fresh.open("wb") as file:
+            with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+                _write(archive, "graph.json", _graph(state, about or {}))
+                for name in ("embeddings", "prepared"):
+                    buffer = io.BytesIO()
+                    np.save(buffer, np.asarray(state[name]), allow_pickle=False)
+                    _write(archive, f"{name}.npy", buffer.getvalue())
+                for number, view in enumerate(state["images"]):
+                    _write(archive, _view_name(number), _png(view))
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+def load_map(path: Path | str) -> tuple[dict[str, Any], dict[str, str]]:
+    """Read a file that `save_map` wrote, to the last bit.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The state for `TopologicalMap.load_state_dict`, and the words.
+
+    Raises:
+        MapFileError: if the file is missing, damaged, no map or of another version.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MapFileError(f"a map must be a file, got {path}, which is none")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return _read(archive, path)
+    except MapFileError:
+        raise
+    except _DAMAGED as bad:
+        raise MapFileError(
+            f"a map must be a file that was written whole, got the damaged {path} "
+            f"({str(bad).strip()[:80]})"
+        ) from bad
+
+
+def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
+    """All but the arrays, as JSON: similarities keep every bit, NaN is null."""
+    edges = zip(
+        state["edges"].tolist(),
+        state["traversals"].tolist(),
+        state["edge_similarity"].tolist(),
+        strict=True,
+    )
+    told = {
+        "format": _FORMAT,
+        "format_version": _VERSION,
+        "directed": False,
+        "multigraph": False,
+        "graph": {
+            **{name: state[name] for name in _NUMBERS},
+            "views": len(state["images"]) > 0,
+            "about": dict(about),
+        },
+        "nodes": [
+            {"id": number, "environment": env, "observation": observation}
+            for number, (env, observation) in enumerate(state["origins"].tolist())
+        ],
+        "edges": [
+            {
+                "source": one,
+                "target": other,
+                "traversals": count,
+                "similarity": None if value != value else value,
+            }
+            for (one, other), count, value in edges
+        ],
+    }
+    return json.dumps(told, indent=0, allow_nan=False).encode()
+
+
+def _read(
+    archive: zipfile.ZipFile, path: Path
+) -> tuple[dict[str, Any], dict[str, str]]:
+    if "graph.json" not in archive.namelist():
+        raise MapFileError(f"a map must hold graph.json, got {path} without")
+    told = json.loads(archive.read("graph.json"))
+    if (told.get("format"), told.get("format_version")) != (_FORMAT, _VERSION):
+        raise MapFileError(
+            f"a map must be of version {_VERSION}, got {path} with "
+            f"{told.get('format', 'something else')} {told.get('format_version', '')}"
+        )
+    nodes, edges, graph = told["nodes"], told["edges"], told["graph"]
+    state: dict[str, Any] = {name: graph[name] for name in _NUMBERS}
+    for name in ("embeddings", "prepared"):
+        array = np.load(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+        if len(nodes) != len(array):
+            raise ValueError(f"{len(nodes)} nodes, {len(array)} {name}")
+        state[name] = torch.from_numpy(array)
+    views = (
+        [_view(archive.read(_view_name(at))) for at in range(len(nodes))]
+        if (graph["views"])
+        else []
+    )
+    state["images"] = torch.stack(views) if views else torch.empty(0)
+    state["origins"] = _integers(
+        [[node["environment"], node["observation"]] for node in nodes]
+    )
+    state["edges"] = _integers([[edge["source"], edge["target"]] for edge in edges])
+    counts = [edge["traversals"] for edge in edges]
+    state["traversals"] = torch.tensor(counts, dtype=torch.int64)
+    values = [edge["similarity"] for edge in edges]
+    state["edge_similarity"] = torch.tensor(
+        [float("nan") if value is None else value for value in values],
+        dtype=torch.float32,
+    )
+    return state, dict(graph["about"])
+
+
+def _integers(pairs: list[list[int]]) -> Tensor:
+    return torch.tensor(pairs, dtype=torch.int64).reshape(-1, 2)
+
+
+def _view_name(number: int) -> str:
+    return f"views/{number:06d}.png"
+
+
+def _write(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
+    entry = zipfile.ZipInfo(name, _DATE)
+    # A PNG is compressed already.
+    stored = name.endswith(".png")
+    entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
+    archive.writestr(entry, data)
+
+
+def _png(view: Tensor) -> bytes:
+    if view.dtype is not torch.uint8 or view.ndim != 3 or view.shape[-1] != 3:
+        raise ValueError(
+            f"views must be uint8 [H, W, 3], got {view.dtype} {list(view.shape)}"
+        )
+    buffer = io.BytesIO()
+    Image.fromarray(np.asarray(view)).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def _view(data: bytes) -> Tensor:
+    with Image.open(io.BytesIO(data)) as image:
+        return torch.from_numpy(np.array(image))
