@@ -28,6 +28,13 @@ from toponav.config.explore import (
     RewardConfig,
 )
 from toponav.config.maze import MazeConfig
+from toponav.config.navigate import (
+    GoalsConfig,
+    NavigateConfig,
+    NavigateEvaluateConfig,
+    NavigateVideoConfig,
+    NavigatorConfig,
+)
 from toponav.config.pretrain import (
     CollectConfig,
     ModelConfig,
@@ -42,6 +49,7 @@ from toponav.config.tour import TourConfig
 #: Recipe name -> schema of its settings.
 RECIPES: dict[str, type] = {
     "explore": ExploreConfig,
+    "navigate": NavigateConfig,
     "pretrain": PretrainConfig,
     "report": SweepReportConfig,
     "tour": TourConfig,
@@ -63,9 +71,14 @@ __all__ = [
     "EvaluateConfig",
     "ExploreCollectConfig",
     "ExploreConfig",
+    "GoalsConfig",
     "LossConfig",
     "MazeConfig",
     "ModelConfig",
+    "NavigateConfig",
+    "NavigateEvaluateConfig",
+    "NavigateVideoConfig",
+    "NavigatorConfig",
     "OnlineConfig",
     "PairsConfig",
     "PolicyConfig",

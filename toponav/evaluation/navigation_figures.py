@@ -92,7 +92,8 @@ def draw_leg(
         draw: draws the plan with its goal and closed slots, such as
             ``partial(draw_plan, open_mask=mask, goal=cell)``.
         waypoints: ``[W, 2]``, where the map's waypoints truly are.
-        edges: int ``[E, 2]``, of the map.
+        edges: int ``[E, 2]``, those of the map to draw, such as the ones that were
+            walked while exploring.
         planned: int ``[K]``, the waypoints of the first plan.
         cuts: int ``[C, 2]``, the ends of what was closed on the way.
         title: over the picture.
@@ -110,7 +111,7 @@ def draw_leg(
         linewidths=0.5,
         alpha=0.5,
         zorder=2.2,
-        label="edge of the map",
+        label="edge",
     )
     axes.add_collection(joined)
     x, y = places.T
