@@ -94,7 +94,7 @@ class TrueWays:
     def centres(self, cells: ArrayLike) -> Floats:
         """Middles of cells in map units, int ``[*B, 2]`` to ``[*B, 2]``."""
         rows = self.open_mask.shape[0]
-        cell = torch.as_tensor(np.asarray(cells))
+        cell = torch.from_numpy(np.array(cells, np.int64))
         return np.asarray(cell_centres(cell, rows, self.cell_size), np.float64)
 
     def metric(self, closed: ArrayLike) -> MazeMetric:
