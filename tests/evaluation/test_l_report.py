@@ -44,6 +44,20 @@ def test_bound_agrees_with_a_walk_tic_by_tic():
         )
 
 
+def test_bound_agrees_with_all_sequences_one_by_one():
+    position, heading = torch.zeros(1, 2).double(), torch.zeros(1).double()
+    for _ in range(5):
+        position, heading = move(position, heading)
+        position, heading = position.reshape(-1, 2), heading.reshape(-1)
+    place = torch.cat([position / 4, heading.unsqueeze(1)], 1).round()
+    first = torch.arange(6).repeat_interleave(6**4)
+    firsts = defaultdict(Counter)
+    for end, action in zip(map(tuple, place.tolist()), first.tolist(), strict=True):
+        firsts[end][action] += 1
+    right = sum(max(count.values()) for count in firsts.values())
+    assert float(bayes_bound(5)[4]) == pytest.approx(right / 6**5, abs=1e-9)
+
+
 def test_coarser_sight_tells_less():
     bounds = [bayes_bound(3, resolution=size) for size in (1.0, 4.0, 16.0)]
     assert (bounds[0] >= bounds[1]).all()
