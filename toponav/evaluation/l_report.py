@@ -185,8 +185,8 @@ def bayes_bound(
 
     All 6^j sequences of uniform actions in free space are walked, those that end at the
     same pose as one. They cannot be told apart, and the best guess is their most
-    frequent first action. For k = 1..4 that leaves about 1, .92, .79 and .71: the paper's 91 to
-    95 % cannot be the first of up to four random actions.
+    frequent first action. For k = 1..4 that leaves about 1, .92, .79 and .71: the
+    paper's 91 to 95 % cannot be the first of up to four random actions.
 
     Args:
         max_action_distance: k.
