@@ -1,0 +1,143 @@
+"""The navigate recipe, run as its users run it."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as iio
+import pytest
+from PIL import Image
+
+from tests.builders.explored import make_run
+
+RECIPE = Path(__file__).parent.parent / "recipes" / "navigate.py"
+
+
+def navigate(run: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    words = [
+        f"run={run}",
+        "maze=file",
+        f"maze.path={run / 'ring.txt'}",
+        "navigate=smoke",
+        *overrides,
+    ]
+    return subprocess.run(
+        [sys.executable, str(RECIPE), *words],
+        cwd=run,
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("explored") / "run"
+    make_run(folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_sweep_over_closed_slots_leaves_tables_pictures_and_videos(run: Path) -> None:
+    done = navigate(
+        run,
+        "-m",
+        "maze.blocked=[],[a]",
+        # Networks that were never trained get nowhere: it has to give up soon.
+        "navigator.block_after=3",
+        "hydra.sweep.dir=sweep",
+        "hydra.sweep.subdir=${hydra.job.num}",
+    )
+    assert done.returncode == 0, done.stderr
+    assert "ring, nothing closed" in done.stdout
+    assert "ring, a closed" in done.stdout
+    for number in ("0", "1"):
+        folder = run / "sweep" / number
+        episodes = rows(folder / "episodes.csv")
+        names = ["navigator", "navigator", "oracle", "oracle", "random", "random"]
+        assert [row["policy"] for row in episodes] == names
+        summary = {row["policy"]: row for row in rows(folder / "summary.csv")}
+        # A ring of eight cells: 60 decisions are several goals for who knows the way.
+        assert float(summary["oracle"]["goals"]) >= 2
+        assert summary["oracle"]["success_60"] == "1"
+        assert float(summary["navigator"]["replans"]) > 0
+        assert float(summary["random"]["replans"]) == 0
+        shares = [
+            float(value)
+            for name, value in summary["navigator"].items()
+            if name.startswith("decisions_")
+        ]
+        assert sum(shares) == pytest.approx(1, abs=1e-4)
+        for name in ("success.png", "way.png"):
+            assert min(Image.open(folder / name).size) > 300
+        assert iio.imread(folder / "walk.mp4").shape[0] == 12
+        assert (folder / "summary.md").read_text().startswith("ring, ")
+
+
+@pytest.mark.slow
+def test_all_meet_the_same_episodes_and_a_seed_repeats_them(run: Path) -> None:
+    def play(name: str, *overrides: str) -> list[dict[str, str]]:
+        done = navigate(run, "video.decisions=0", f"hydra.run.dir={name}", *overrides)
+        assert done.returncode == 0, done.stderr
+        assert not (run / name / "walk.mp4").exists()
+        return rows(run / name / "episodes.csv")
+
+    first = play("first")
+    alone = play("alone", "evaluate.policies=[oracle]")
+    assert [row for row in first if row["policy"] == "oracle"] == alone
+    again = play("again", "evaluate.policies=[navigator]", "goals.source=map")
+    assert [row for row in first if row["policy"] == "navigator"] == again
+
+
+@pytest.mark.slow
+def test_pictures_of_a_walk_that_the_map_has_not_seen(run: Path) -> None:
+    done = navigate(
+        run,
+        "goals.source=walk",
+        "evaluate.policies=[navigator]",
+        "evaluate.episodes=1",
+        "navigator.tc_reach=0.9999",
+        "hydra.run.dir=walk",
+    )
+    assert done.returncode == 0, done.stderr
+    assert "navigate" not in done.stderr.splitlines()[-1]
+    assert "a goal's pictures must be like a waypoint" in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("overrides", "sentence"),
+    [
+        (
+            ["maze=maze1"],
+            "navigate: maze must be the one that the run explored, got maze1 (did you "
+            "mean maze=file?)",
+        ),
+        (
+            ["maze.blocked=[z]"],
+            "navigate: maze: blocked slots must be slots of ring (a), got 'z'",
+        ),
+        (
+            ["run=null"],
+            "navigate: run must name the folder of an exploration, got none",
+        ),
+        (
+            ["navigator.patience=3"],
+            "navigate: 'navigator.patience' must be a setting of navigate, got none of "
+            "that name (did you mean 'navigator.goal_patience'?)",
+        ),
+    ],
+)
+def test_a_bad_setting_is_one_sentence(
+    run: Path, overrides: list[str], sentence: str
+) -> None:
+    done = navigate(run, *overrides)
+    assert done.stderr.strip().splitlines()[-1] == sentence
+    assert done.returncode == 2
