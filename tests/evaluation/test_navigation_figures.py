@@ -102,5 +102,5 @@ def test_a_frame_has_view_target_goal_and_plan_side_by_side():
 @pytest.mark.parametrize("name", ["views", "targets", "captions"])
 def test_all_must_be_as_many(name):
     few = {"views": [np.zeros((120, 160, 3))], "targets": [None], "captions": ["one"]}
-    with pytest.raises(ValueError, match="shorter|longer"):
+    with pytest.raises(ValueError, match=r"shorter|longer"):
         frames(**{name: few[name]})

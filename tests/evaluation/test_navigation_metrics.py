@@ -71,13 +71,14 @@ def test_goals_and_first_goal():
 
 def test_lengths_of_legs():
     measures = measure_legs(trace_of(STRAIGHT + AROUND, reached=(3, 11)), WAYS)
-    # Three and seven steps of a cell; the straight way is four cells.
-    assert measures.walked.tolist() == [3 * 128, 7 * 128]
+    # Three and seven steps of a cell, and one more to the goal; the straight way is
+    # four cells.
+    assert measures.walked.tolist() == [4 * 128, 8 * 128]
     assert measures.optimum == pytest.approx([4 * 128, 4 * 128])
     # The first leg alone: optimum / max(walked, optimum) = 4 / 4.
     assert success_weighted_by_length(measures).tolist() == [1.0]
-    # (3 / 4 + 7 / 4) / 2.
-    assert mean_detour(measures) == pytest.approx(1.25)
+    # (4 / 4 + 8 / 4) / 2.
+    assert mean_detour(measures) == pytest.approx(1.5)
 
 
 def test_the_optimum_goes_around_closed_slots():
@@ -87,14 +88,14 @@ def test_the_optimum_goes_around_closed_slots():
     # 64 + 128 + 64 sqrt(2) + 384 + 64 sqrt(2) + 128 + 64 = 949.0.
     around = 768 + 128 * np.sqrt(2)
     assert measures.optimum == pytest.approx([around])
-    # Seven cells walked are less than that: the last decision is not in them.
-    assert success_weighted_by_length(measures).tolist() == [1.0]
+    # Corners were not cut: eight cells, 1024.
+    assert success_weighted_by_length(measures) == pytest.approx([around / 1024])
     there_and_back = [*AROUND[:-1], *AROUND[:-1][::-1], *AROUND]
     longer = measure_legs(trace_of(there_and_back, reached=(21,), closed=True), WAYS)
     # Twice six cells more, and none from (0, 0) to itself.
-    assert longer.walked.tolist() == [(12 + 7) * 128]
+    assert longer.walked.tolist() == [(12 + 8) * 128]
     spl = success_weighted_by_length(longer)
-    assert spl == pytest.approx([around / (19 * 128)])
+    assert spl == pytest.approx([around / (20 * 128)])
 
 
 def test_an_episode_without_success_has_no_spl_and_no_detour():

@@ -130,8 +130,9 @@ class LegMeasures:
 
     Args:
         legs: the legs.
-        walked: ``[L]``, the way that was walked, in map units, without the last
-            decision of a leg, which ends elsewhere.
+        walked: ``[L]``, the way that was walked, in map units; the last decision of a
+            leg ends elsewhere and counts as the straight way to the middle of the
+            goal's cell.
         optimum: ``[L]``, the shortest way from the start to the middle of the goal's
             cell, around the slots that were closed at the start.
     """
@@ -155,13 +156,16 @@ def measure_legs(trace: NavigationTrace, ways: TrueWays) -> LegMeasures:
     """Walked and shortest lengths of all legs."""
     legs = find_legs(trace)
     steps = np.linalg.norm(np.diff(trace.positions, axis=1), axis=2)
-    walked = [steps[leg.episode, leg.start : leg.end - 1].sum() for leg in legs]
-    optimum = []
+    walked, optimum = [], []
     for leg in legs:
-        at = (leg.episode, leg.start)
+        at, last = (leg.episode, leg.start), (leg.episode, leg.end - 1)
         goal = ways.centres(trace.goal_cells[at])
+        length = steps[leg.episode, leg.start : leg.end - 1].sum()
+        if leg.reached:
+            length += np.linalg.norm(trace.positions[last] - goal)
+        walked.append(float(length))
         optimum.append(ways.distance(trace.positions[at], goal, trace.blocked[at]))
-    return LegMeasures(legs, np.array(walked, np.float64), np.array(optimum))
+    return LegMeasures(legs, np.array(walked), np.array(optimum))
 
 
 def success_weighted_by_length(measures: LegMeasures) -> Floats:

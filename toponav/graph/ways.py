@@ -42,6 +42,8 @@ class Ways:
         # What `Plan` holds, one row an agent.
         self._costs = torch.full(size, torch.inf, dtype=torch.float64)
         self._onward = torch.arange(size[1]).expand(size).clone()
+        # The waypoint where each way ends.
+        self._end = self._onward.clone()
 
     def plan(self, agents: Sequence[int]) -> None:
         """Make the plans of some agents anew."""
@@ -49,7 +51,11 @@ class Ways:
             goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
             plan = self.planner.plan(goals, self.blockages.closed[agent])
             self._costs[agent] = plan.costs
-            self._onward[agent] = plan.onward
+            self._onward[agent] = end = plan.onward
+            # Each round doubles the steps taken along all ways at once.
+            for _ in range(len(end).bit_length()):
+                end = end[end]
+            self._end[agent] = end
 
     def cost(self, place: Tensor) -> Tensor:
         """Cost of the way that is left from each agent's place.
@@ -97,9 +103,7 @@ class Ways:
 
     def end(self, place: Tensor) -> Tensor:
         """The last waypoint on each agent's way, int64 ``[N]``, -1 without a way."""
-        node = place.clamp(min=0)
-        while not torch.equal(following := self.ahead(node, 1)[:, 0], node):
-            node = following
+        node = self._end.gather(1, place.clamp(min=0).unsqueeze(1)).squeeze(1)
         return node.masked_fill(self.cost(place).isinf(), -1)
 
     def open_up(self, place: Tensor) -> None:
