@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, Composite
@@ -30,6 +29,7 @@ class GoalViews(Transform):
             without pictures.
 
     Examples:
+        >>> import torch
         >>> from tensordict import TensorDict
         >>> cells = torch.tensor([[1, 1], [1, 2]])
         >>> pictures = torch.arange(2, dtype=torch.uint8).reshape(2, 1, 1, 1, 1)
