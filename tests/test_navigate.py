@@ -48,12 +48,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_sweep_over_closed_slots_leaves_tables_pictures_and_videos(run: Path) -> None:
     done = navigate(
         run,
-        "-m",
         "maze.blocked=[],[a]",
         # Networks that were never trained get nowhere: it has to give up soon.
         "navigator.block_after=3",
         "hydra.sweep.dir=sweep",
         "hydra.sweep.subdir=${hydra.job.num}",
+        "-m",
     )
     assert done.returncode == 0, done.stderr
     assert "ring, nothing closed" in done.stdout
