@@ -12,7 +12,9 @@ are like none of their episode, and this one learns from what they did. The run 
 gets ``metrics.csv``, ``episodes.csv``, TensorBoard files, ``curves.png`` and
 ``map.png`` while it runs, ``policy.pt`` (the best by intrinsic return),
 ``networks.pt``, ``evaluation.csv`` and ``episode.mp4`` at the end, and
-``checkpoint.pt``, from which ``resume`` goes on.
+``checkpoint.pt``, from which ``resume`` goes on. Meanwhile a topological map grows from
+the same views: ``map.zip``, with ``topology.png``, ``map.csv`` that judges it, and
+``map_poses.npy``, the truth about it that no agent reads.
 """
 
 import time
@@ -39,9 +41,11 @@ from toponav.builders import (
     make_device,
     make_explore_collector,
     make_mailbox,
+    make_map_growth,
     make_novelty,
     make_online_learning,
     prepare_networks,
+    pretraining_decisions,
     require_finite,
     save_exploration,
     save_networks,
@@ -77,9 +81,12 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     torch.manual_seed(settings.seed)
     policy = make_actor_critic(settings).to(make_device(settings.device))
     learner = Learner(settings, policy, check=partial(check, setting="loss.lr"))
+    grown = make_map_growth(
+        settings, networks, pretraining_decisions=pretraining_decisions(settings)
+    )
     resume = settings.resume is not None
-    state = start_exploration(folder, learner, online, resume=resume)
-    save = partial(save_exploration, folder, state, learner, online)
+    state = start_exploration(folder, learner, online, grown, resume=resume)
+    save = partial(save_exploration, folder, state, learner, online, grown)
     collect, every, maze = settings.collect, settings.report, settings.maze
     paid = "coverage" if settings.reward.kind == "coverage" else "intrinsic_return"
 
@@ -123,12 +130,16 @@ def main(settings: ExploreConfig, folder: Path) -> None:
             if ended:
                 state.consider(policy, paid, every.best_of)
 
+            # The map grows from the same views.
+            grown.add(batch, state.decisions)
+
             # The networks learn on, and now and then the others get a new version.
             if online is not None:
                 losses, is_version_due = online.learn(batch)
                 measured |= losses
                 if is_version_due:
                     state.networks_version = mailbox.publish(NETWORKS, novelty)
+                    grown.follow(state.networks_version)
 
             # Say, save, draw.
             is_last = state.progress(collect) == 1
@@ -140,12 +151,16 @@ def main(settings: ExploreConfig, folder: Path) -> None:
                 save()
             if drawing.is_due() or is_last:
                 report.draw()
+                grown.write(folder, state.decisions)
     except (CollectionError, KeyboardInterrupt, SystemExit):
         save()
         raise
     finally:
         bar.close()
         stop_collector(collector)
+
+    # The map as the last networks see it, sparse if wanted.
+    grown.finish(folder, state.decisions)
 
     # Whole episodes of the best and of the last policy, judged by the truth.
     save_networks(networks, folder / NETWORKS_FILE)

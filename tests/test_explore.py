@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 import torch
@@ -16,6 +17,7 @@ from tests.test_conf import settings
 from toponav.builders import load_networks, make_actor_critic, make_networks
 from toponav.builders.networks import save_networks
 from toponav.config import SettingsError
+from toponav.graph import load_map
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "explore.py"
 SMOKE = ("scale=smoke", "model.embedding_dim=8", "policy.hidden=16")
@@ -50,7 +52,7 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("networks") / "networks.pt"
     torch.manual_seed(0)
     made = make_networks(explore_settings().model)
-    made.thresholds = {"reward_threshold": 0.5, "tc_threshold": 0.9}
+    made.thresholds = {"reward_threshold": 0.5, "tc_threshold": 0.9, "tc_reach": 0.7}
     save_networks(made, path)
     return path
 
@@ -86,6 +88,13 @@ def test_it_leaves_tables_pictures_and_policies(run: Path) -> None:
         assert (run / name).stat().st_size > 5_000, name
     assert list((run / "logs/tensorboard").iterdir())
     assert load_networks(run).thresholds["reward_threshold"] == 0.5
+    grown = rows(run / "map.csv")[-1]
+    state, about = load_map(run / "map.zip")
+    assert len(state["edges"]) == int(grown["edges"])
+    assert np.load(run / "map_poses.npy").shape == (int(grown["waypoints"]), 3)
+    assert 0 < float(grown["coverage"]) <= 1
+    assert about == {"maze": "maze3"}
+    assert (run / "topology.png").stat().st_size > 5_000
     policy = make_actor_critic(explore_settings())
     policy.load_state_dict(torch.load(run / "policy.pt")["weights"])
 
@@ -250,6 +259,14 @@ def test_what_is_wrong_is_said_in_one_sentence(
         ("collect.decisions=64", "one batch, got 64"),
         ("maze.episode_length=12", "more than M . k = 12 decisions, got 12"),
         ("online.every=0", "online.every must be at least 1, got 0"),
+        ("map.edges=all", "map.edges must be one of both, reach, time, got"),
+        ("map.extend_by=none", "map.extend_by must be one of itself, previous"),
+        ("map.tc_threshold=high", r"map.tc_threshold must be auto or a number in \[0"),
+        ("map.tc_reach=1.5", r"map.tc_reach must lie in \[0, 0.999\], got 1.5"),
+        ("map.window=-1", "map.window must be at least 0, got -1"),
+        ("map.nearby=0", "map.nearby must be at least 1, got 0"),
+        ("map.unwalked_cost=0", "map.unwalked_cost must be at least 1, got 0"),
+        ("map.sparsify=2", r"map.sparsify must lie in \[0, 1\], got 2"),
     ],
 )
 def test_a_value_out_of_range_is_refused(override: str, message: str) -> None:

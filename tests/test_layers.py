@@ -72,7 +72,7 @@ def test_every_module_imports_what_its_floor_allows(path: Path) -> None:
 def test_all_rooms_are_looked_at() -> None:
     rooms = {module_name(path).partition(".")[2].split(".")[0] for path in SOURCES}
     assert {"keys", "envs", "transforms", "modules", "objectives", "data"} <= rooms
-    assert {"collectors", "config", "evaluation", "builders"} <= rooms
+    assert {"collectors", "config", "evaluation", "graph", "builders"} <= rooms
 
 
 @pytest.mark.parametrize(

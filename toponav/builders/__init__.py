@@ -32,6 +32,7 @@ from toponav.builders.explore_collector import (
 )
 from toponav.builders.explore_env import make_actor_critic, make_explore_env
 from toponav.builders.learner import Learner
+from toponav.builders.map_growth import MapGrowth, make_map_growth
 from toponav.builders.mazes import make_env, make_layout
 from toponav.builders.navigation import Explored, load_explored, make_navigator
 from toponav.builders.navigation_evaluation import (
@@ -60,7 +61,7 @@ from toponav.builders.networks import (
 )
 from toponav.builders.novelty import Novelty, make_novelty
 from toponav.builders.online import make_online_learning
-from toponav.builders.pretraining import prepare_networks
+from toponav.builders.pretraining import prepare_networks, pretraining_decisions
 from toponav.builders.process_memory import keep_freed_memory
 from toponav.builders.report import calibrate, embed_sequences, summarize, write_reports
 from toponav.builders.run_files import (
@@ -97,6 +98,7 @@ __all__ = [
     "Explored",
     "GoalPlaces",
     "Learner",
+    "MapGrowth",
     "Networks",
     "Novelty",
     "Played",
@@ -131,6 +133,7 @@ __all__ = [
     "make_loggers",
     "make_losses",
     "make_mailbox",
+    "make_map_growth",
     "make_navigation_env",
     "make_navigator",
     "make_networks",
@@ -143,6 +146,7 @@ __all__ = [
     "mean_of",
     "play_policies",
     "prepare_networks",
+    "pretraining_decisions",
     "report_exploration",
     "report_pretraining",
     "require_finite",

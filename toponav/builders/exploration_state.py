@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from toponav.builders.checkpoints import load_checkpoint, save_atomically
 from toponav.builders.episode_log import Row, mean_of
 from toponav.builders.learner import Learner
+from toponav.builders.map_growth import MapGrowth, NoMap
 from toponav.builders.online import OnlineLearning
 from toponav.builders.training import CHECKPOINT_FILE
 from toponav.config import ExploreCollectConfig, SettingsError
@@ -101,6 +102,7 @@ def save_exploration(
     state: ExplorationState,
     learner: Learner,
     online: OnlineLearning | None,
+    grown: MapGrowth | NoMap,
 ) -> None:
     """Write ``checkpoint.pt`` and ``policy.pt``, each whole or not at all.
 
@@ -113,6 +115,7 @@ def save_exploration(
         state: counters and tables.
         learner: of the policy.
         online: of the networks, if they learn on.
+        grown: the map.
     """
     checkpoint: dict[str, object] = {
         "kind": _KIND,
@@ -120,6 +123,7 @@ def save_exploration(
         "state": {one.name: getattr(state, one.name) for one in fields(state)},
         "learner": learner.state_dict(),
         "online": None if online is None else online.state_dict(),
+        "map": grown.state_dict(),
         "torch_generator": torch.get_rng_state(),
     }
     save_atomically(checkpoint, folder / CHECKPOINT_FILE)
@@ -131,6 +135,7 @@ def start_exploration(
     folder: Path,
     learner: Learner,
     online: OnlineLearning | None,
+    grown: MapGrowth | NoMap,
     *,
     resume: bool,
 ) -> ExplorationState:
@@ -140,6 +145,7 @@ def start_exploration(
         folder: the run folder.
         learner: gets weights, optimiser and the scale of rewards.
         online: gets the networks' weights and optimiser.
+        grown: gets the map.
         resume: whether to go on; a run that was cut off before its first checkpoint
             begins at its start.
 
@@ -159,6 +165,9 @@ def start_exploration(
         learner.load_state_dict(found["learner"])
         if online is not None and found["online"] is not None:
             online.load_state_dict(found["online"])
+        # A run of before maps goes on with an empty one.
+        if found.get("map") is not None:
+            grown.load_state_dict(found["map"])
         torch.set_rng_state(found["torch_generator"])
         return ExplorationState(**found["state"])
     except (KeyError, TypeError, RuntimeError, ValueError) as error:

@@ -47,6 +47,7 @@ from toponav.keys import (
     POSITION,
     PREVIOUS_ACTION,
     PREVIOUS_REWARD,
+    REWARD,
     STATE_VALUE,
     TEMPORAL_DISTANCE_REWARD,
     TERMINATED,
@@ -68,13 +69,18 @@ class CollectionError(TrainingError):
 
 
 def batch_keys(config: ExploreConfig) -> list[NestedKey]:
-    """What of a batch reaches the learner: views only if a network learns from them."""
+    """What of a batch reaches the learner: views only for who learns or keeps them."""
     view = EMBEDDING if config.policy.input == "embedding" else POLICY_PIXELS
     now = [view, *_STATE, IS_INIT, ACTION, ACTION_LOG_PROB, STATE_VALUE, *_SEEN]
     now += [TRAJECTORY, "step_count"]
-    if config.online.learn:
+    if config.online.learn or config.map.grow:
         now.append(PIXELS)
+    if config.map.grow and view != EMBEDDING:
+        now.append(EMBEDDING)
+    # A goal's reward says that the agent was put elsewhere.
     later = [view, *_STATE, *_ENDS, *_PAID, *_SEEN, NUM_WAYPOINTS]
+    if config.map.grow:
+        later.append(REWARD)
     under_next: list[NestedKey] = [
         ("next", key) if isinstance(key, str) else ("next", *key) for key in later
     ]

@@ -3,6 +3,7 @@
 import fcntl
 import hashlib
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO
 
+from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from toponav.builders.networks import (
@@ -65,10 +67,7 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
     Raises:
         TrainingError: if the pre-training fails.
     """
-    overrides = pretraining_overrides(config)
-    key = hashlib.sha256(json.dumps(overrides).encode()).hexdigest()[:8]
-    name = f"{pretraining_maze(config).name}-{config.pretraining.scale}-{key}"
-    folder = Path(config.pretraining.folder) / name
+    overrides, folder = pretraining_overrides(config), pretraining_folder(config)
     folder.mkdir(parents=True, exist_ok=True)
     with _alone_in(folder) as lock:
         if (folder / NETWORKS_FILE).is_file():
@@ -85,6 +84,39 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
             f"pre-training must end with networks, got none in {folder}"
         )
     return folder
+
+
+def pretraining_decisions(config: ExploreConfig) -> float:
+    """Decisions that the networks learned from before, as far as their runs say.
+
+    A run says in its settings how many it collected and from which run it began.
+
+    Args:
+        config: settings of the run.
+
+    Returns:
+        Their number, NaN if a run's settings are not found.
+    """
+    at = config.pretrained or str(pretraining_folder(config))
+    decisions, seen = 0.0, set[str]()
+    while at is not None and at not in seen:
+        seen.add(at)
+        folder = Path(at) if Path(at).is_dir() else Path(at).parent
+        file = folder / "config" / "config.yaml"
+        if not file.is_file():
+            return math.nan
+        told = OmegaConf.load(file)
+        decisions += float(OmegaConf.select(told, "collect.decisions", default=0))
+        at = OmegaConf.select(told, "init_from", default=None)
+    return decisions
+
+
+def pretraining_folder(config: ExploreConfig) -> Path:
+    """Where a pre-training with these settings is kept; its name has their key."""
+    overrides = pretraining_overrides(config)
+    key = hashlib.sha256(json.dumps(overrides).encode()).hexdigest()[:8]
+    name = f"{pretraining_maze(config).name}-{config.pretraining.scale}-{key}"
+    return Path(config.pretraining.folder) / name
 
 
 def pretraining_maze(config: ExploreConfig) -> MazeConfig:

@@ -181,6 +181,46 @@ class OnlineConfig:
 
 
 @dataclass
+class MapConfig:
+    """The topological map that grows while exploring."""
+
+    grow: bool = MISSING
+    envs: int | None = MISSING
+    tc_threshold: str = MISSING
+    tc_reach: str = MISSING
+    edges: str = MISSING
+    extend_by: str = MISSING
+    link_transitions: bool = MISSING
+    window: int = MISSING
+    search_window: int = MISSING
+    hysteresis: bool = MISSING
+    nearby: int | None = MISSING
+    shortlist: int | None = MISSING
+    unwalked_cost: float = MISSING
+    sparsify: float | None = MISSING
+
+    def __post_init__(self) -> None:
+        for name in ("tc_threshold", "tc_reach"):
+            if (value := getattr(self, name)) != "auto":
+                require(
+                    _is_number(value),
+                    f"map.{name} must be auto or a number in [0, 0.999]",
+                    value,
+                )
+                require_between(f"map.{name}", float(value), 0, 0.999)
+        require_choice("map.edges", self.edges, ("both", "reach", "time"))
+        require_choice("map.extend_by", self.extend_by, ("itself", "previous"))
+        for name in ("window", "search_window"):
+            require_at_least(f"map.{name}", getattr(self, name), 0)
+        for name in ("envs", "nearby", "shortlist"):
+            if (value := getattr(self, name)) is not None:
+                require_at_least(f"map.{name}", value, 1)
+        require_at_least("map.unwalked_cost", self.unwalked_cost, 1)
+        if self.sparsify is not None:
+            require_between("map.sparsify", self.sparsify, 0, 1)
+
+
+@dataclass
 class PretrainingConfig:
     """The pre-training that a run without networks starts with."""
 
@@ -231,6 +271,7 @@ class ExploreConfig:
     loss: LossConfig = MISSING
     collect: ExploreCollectConfig = MISSING
     online: OnlineConfig = MISSING
+    map: MapConfig = MISSING
     pretraining: PretrainingConfig = MISSING
     report: ReportConfig = MISSING
     evaluate: EvaluateConfig = MISSING

@@ -29,6 +29,13 @@ from toponav.evaluation.exploration_curves import draw_training
 from toponav.evaluation.exploration_map import draw_exploration
 from toponav.evaluation.goal_places import pick_goal_views
 from toponav.evaluation.l_report import LReport, bayes_bound, l_report, useful_actions
+from toponav.evaluation.map_figure import draw_topological_map
+from toponav.evaluation.map_quality import (
+    MapQuality,
+    covered_cells,
+    edge_lengths,
+    map_quality,
+)
 from toponav.evaluation.navigation_faults import (
     FAULTS,
     Cut,
@@ -95,6 +102,7 @@ from toponav.evaluation.tc_report import (
     tc_report,
 )
 from toponav.evaluation.video import PlanRenderer, side_by_side, write_video
+from toponav.evaluation.waypoint_poses import WaypointPoses
 from toponav.evaluation.waypoint_share import (
     Waypoints,
     prepare_walks,
@@ -121,6 +129,7 @@ __all__ = [
     "LReport",
     "Leg",
     "LegMeasures",
+    "MapQuality",
     "MazeMetric",
     "Motion",
     "NavigationTrace",
@@ -135,6 +144,7 @@ __all__ = [
     "Summary",
     "TCReport",
     "TrueWays",
+    "WaypointPoses",
     "Waypoints",
     "balanced_accuracy",
     "bayes_bound",
@@ -145,6 +155,7 @@ __all__ = [
     "classify_decisions",
     "contact_sheet",
     "correlation",
+    "covered_cells",
     "csv_table",
     "decisions_to_reach",
     "detection_delays",
@@ -157,8 +168,10 @@ __all__ = [
     "draw_plan",
     "draw_report",
     "draw_success",
+    "draw_topological_map",
     "draw_training",
     "draw_trajectory",
+    "edge_lengths",
     "effective_cells",
     "expected_calibration_error",
     "explored_frames",
@@ -169,6 +182,7 @@ __all__ = [
     "interquartile_mean",
     "judge_cuts",
     "l_report",
+    "map_quality",
     "markdown_table",
     "mean",
     "mean_detour",

@@ -1,0 +1,102 @@
+"""Maps from settings: their rules, their thresholds, and the network behind them."""
+
+from collections.abc import Callable, Mapping
+
+from torch import Tensor
+
+from toponav.builders.explore_env import tc_dtype
+from toponav.config import MapConfig, SettingsError
+from toponav.graph import TopologicalMap
+from toponav.modules import TCNetwork
+
+
+def make_map(
+    config: MapConfig, tc: TCNetwork, thresholds: Mapping[str, float]
+) -> TopologicalMap:
+    """An empty map.
+
+    Args:
+        config: its rules.
+        tc: embeds and compares, in ``eval()`` mode.
+        thresholds: those that were calibrated.
+
+    Raises:
+        SettingsError: if a threshold was not calibrated, or does not fit the other.
+    """
+    threshold = map_threshold("tc_threshold", config.tc_threshold, thresholds)
+    reach = map_threshold("tc_reach", config.tc_reach, thresholds)
+    if config.tc_reach == "auto":
+        reach = min(reach, threshold)
+    if reach > threshold:
+        raise SettingsError(
+            f"map.tc_reach must be at most map.tc_threshold = {threshold:g}, got "
+            f"{reach:g}"
+        )
+    embed, compare, prepare = on_cpu(tc)
+    return TopologicalMap(
+        embed,
+        compare,
+        prepare=prepare,
+        tc_threshold=threshold,
+        tc_reach=reach,
+        edges=config.edges,  # type: ignore[arg-type]
+        extend_by=config.extend_by,  # type: ignore[arg-type]
+        link_transitions=config.link_transitions,
+        window=config.window,
+        search_window=config.search_window,
+        hysteresis=config.hysteresis,
+        nearby=config.nearby,
+        shortlist=config.shortlist,
+        unwalked_cost=config.unwalked_cost,
+    )
+
+
+def map_threshold(name: str, value: str, thresholds: Mapping[str, float]) -> float:
+    """A threshold of the map, below 1.
+
+    Args:
+        name: of the setting, and of the calibrated threshold.
+        value: a number, or ``auto`` for the calibrated one.
+        thresholds: those that were calibrated.
+
+    Raises:
+        SettingsError: if it should be a calibrated one and there is none.
+
+    Examples:
+        >>> map_threshold("tc_reach", "auto", {"tc_reach": 0.8})
+        0.8
+        >>> map_threshold("tc_reach", "0.7", {})
+        0.7
+    """
+    if value != "auto":
+        return float(value)
+    if name not in thresholds:
+        raise SettingsError(
+            f"map.{name} must be a number with networks that have no calibrated "
+            f"{name}, got auto"
+        )
+    return min(float(thresholds[name]), 0.999)
+
+
+def on_cpu(
+    tc: TCNetwork,
+) -> tuple[
+    Callable[[Tensor], Tensor],
+    Callable[[Tensor, Tensor], Tensor],
+    Callable[[Tensor], Tensor],
+]:
+    """What a map calls: `embed`, `compare` and `prepare`, wherever the network is."""
+
+    def to_network(values: Tensor) -> Tensor:
+        return values.to(next(tc.parameters()).device, tc_dtype(tc))
+
+    def embed(views: Tensor) -> Tensor:
+        return tc.embed(views.to(next(tc.parameters()).device)).float().cpu()
+
+    def compare(embedding: Tensor, prepared: Tensor) -> Tensor:
+        return tc.compare_prepared(to_network(embedding), to_network(prepared)).cpu()
+
+    def prepare(memory: Tensor) -> Tensor:
+        return tc.prepare_memory(to_network(memory)).float().cpu()
+
+    return embed, compare, prepare
