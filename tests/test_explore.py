@@ -190,7 +190,7 @@ def test_a_sweep_with_a3c_on_pixels_and_networks_that_learn(
         "seed=0,1",
         f"pretrained={networks}",
         "policy.input=pixels",
-        "loss.kind=a3c",
+        "loss=a3c",
         "loss.rollout=16",
         "reward.threshold=tc",
         "online.learn=true",

@@ -19,7 +19,7 @@ from toponav.objectives import A3CLoss, SharedRMSProp
 
 BOTH = pytest.mark.parametrize(
     "overrides",
-    [("loss.kind=ppo",), ("loss.kind=a3c", "loss.normalize_returns=false")],
+    [("loss=ppo",), ("loss=a3c", "loss.normalize_returns=false")],
     ids=["ppo", "a3c"],
 )
 
@@ -88,7 +88,7 @@ def test_a_coefficient_never_leaves_its_range() -> None:
 
 
 def test_the_settings_name_loss_and_optimiser() -> None:
-    learner = make_learner("loss.kind=a3c", "loss.eps=0.25", "loss.gamma=0.5")
+    learner = make_learner("loss=a3c", "loss.eps=0.25", "loss.gamma=0.5")
     assert isinstance(learner.loss, A3CLoss)
     assert learner.loss.gamma == 0.5
     assert isinstance(learner.optimizer, SharedRMSProp)

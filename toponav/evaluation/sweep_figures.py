@@ -83,8 +83,8 @@ def draw_learning_curves(
         for number, curve in enumerate(curves):
             colour = _COLOURS[number % len(_COLOURS)]
             x, middle, low, high = curve.band()
-            count = len(curve.runs)
-            name = f"{curve.label} ({count} run{'s' * (count > 1)})".strip()
+            count = f"{len(curve.runs)} run{'s' * (len(curve.runs) > 1)}"
+            name = f"{curve.label} ({count})" if curve.label else count
             axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(x, middle, color=colour, linewidth=1.8, label=name)
         marked = levels.get(heading, {})
