@@ -70,11 +70,13 @@ def test_similarities_are_averaged_over_the_last_views(grid):
 
 
 def test_old_views_do_not_count_after_a_new_start(grid):
-    localiser = make(grid, window=3)
+    # The second agent goes on, so that views of all ages are looked at.
+    localiser = make(grid, 2, window=3)
     for _ in range(3):
-        localiser.locate(at(START))
-    localiser.forget(torch.tensor([True]))
-    assert localiser.locate(at(GOAL)).item() == grid.number(GOAL)
+        localiser.locate(at(START, START))
+    localiser.forget(torch.tensor([True, False]))
+    found = localiser.locate(at((1, 3), (1, 3)))
+    assert found.tolist() == [grid.number((1, 3)), grid.number(START)]
 
 
 def test_an_agent_can_stay_while_its_place_passes(grid):
