@@ -192,13 +192,19 @@ def test_thresholds_are_calibrated_or_given() -> None:
 
 
 def test_decisions_of_all_earlier_runs_add_up(tmp_path) -> None:
+    explored = "collect: {decisions: 7}\nreward: {}\nonline: {learn: true}"
     for name, told in (
         ("first", "collect: {decisions: 1000}\ninit_from: null\n"),
         ("second", f"collect: {{decisions: 500}}\ninit_from: {tmp_path}/first\n"),
+        ("explored", f"{explored}\npretrained: {tmp_path}/second\n"),
+        ("unknown", f"{explored}\npretrained: null\n"),
     ):
         (tmp_path / name / "config").mkdir(parents=True)
         (tmp_path / name / "config" / "config.yaml").write_text(told)
     given = explore_settings(f"pretrained={tmp_path}/second/networks.pt")
     assert pretraining_decisions(given) == 1500
-    unknown = explore_settings(f"pretrained={tmp_path}/elsewhere")
-    assert math.isnan(pretraining_decisions(unknown))
+    explored = explore_settings(f"pretrained={tmp_path}/explored")
+    assert pretraining_decisions(explored) == 1507
+    for name in ("unknown", "elsewhere"):
+        given = explore_settings(f"pretrained={tmp_path}/{name}")
+        assert math.isnan(pretraining_decisions(given))

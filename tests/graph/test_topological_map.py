@@ -13,7 +13,8 @@ from toponav.keys import NETWORKS_VERSION
 
 # Their similarities are exact in float32, so that ties are ties.
 SCALE = 128
-SHADES = st.lists(st.integers(0, SCALE), min_size=1, max_size=25)
+# So few shades that a view is often like two waypoints.
+SHADES = st.lists(st.integers(0, 48), min_size=1, max_size=25)
 RULES = st.fixed_dictionaries(
     {
         "window": st.integers(0, 2),
@@ -74,6 +75,13 @@ def test_a_new_waypoint_of_a_later_episode_is_linked_by_the_view_before() -> Non
         grown.add_episode(episode(22, 40))
     assert by_previous.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
     assert by_itself.edges.tolist() == [[0, 1], [1, 2]]
+
+
+def test_with_hysteresis_a_view_stays_where_the_last_one_was() -> None:
+    # 7 is 0.93 like 0 and 0.92 like 15, where it comes from.
+    views = episode(0, 15, 7)
+    assert make_map().add_episode(views).tolist() == [0, 1, 0]
+    assert make_map(hysteresis=True).add_episode(views).tolist() == [0, 1, 1]
 
 
 def test_neighbouring_views_outvote_a_single_one() -> None:

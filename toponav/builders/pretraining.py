@@ -106,8 +106,16 @@ def pretraining_decisions(config: ExploreConfig) -> float:
         if not file.is_file():
             return math.nan
         told = OmegaConf.load(file)
-        decisions += float(OmegaConf.select(told, "collect.decisions", default=0))
-        at = OmegaConf.select(told, "init_from", default=None)
+        collected = float(OmegaConf.select(told, "collect.decisions", default=0))
+        if "reward" not in told:
+            decisions += collected
+            at = OmegaConf.select(told, "init_from", default=None)
+            continue
+        # An exploration: its networks may have learned on, and came from elsewhere.
+        if told.online.learn:
+            decisions += collected
+        if (at := told.pretrained) is None:
+            return math.nan
     return decisions
 
 
