@@ -10,7 +10,7 @@ First come networks that judge how close in time two views are: those of
 now. Then other processes walk the maze with the newest policy, paid for views that
 are like none of their episode, and this one learns from what they did. The run folder
 gets ``metrics.csv``, ``episodes.csv``, TensorBoard files, ``curves.png`` and
-``map.png`` while it runs, ``policy.pt`` (the best by intrinsic return),
+``map.png`` while it runs, ``policy.pt`` (the better paid of the best and the last),
 ``networks.pt``, ``evaluation.csv`` and ``episode.mp4`` at the end, and
 ``checkpoint.pt``, from which ``resume`` goes on. Meanwhile a topological map grows from
 the same views: ``map.zip``, with ``topology.png``, ``map.csv`` that judges it, and
@@ -49,6 +49,7 @@ from toponav.builders import (
     require_finite,
     save_exploration,
     save_networks,
+    save_policy,
     start_exploration,
     stop_collector,
     summarize_evaluation,
@@ -162,11 +163,15 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     # The map as the last networks see it, sparse if wanted.
     grown.finish(folder, state.decisions)
 
-    # Whole episodes of the best and of the last policy, judged by the truth.
+    # Whole episodes of the best and of the last policy, judged by the truth. The one
+    # that is paid more is kept: the best of a training owes something to luck.
     save_networks(networks, folder / NETWORKS_FILE)
     best = make_actor_critic(settings)
     best.load_state_dict(state.best_policy or policy.state_dict())
-    learned = evaluate_policies(settings, novelty, {"best": best, "last": policy.cpu()})
+    explorers = {"best": best, "last": policy.cpu()}
+    learned = evaluate_policies(settings, novelty, explorers)
+    learned.sort(key=lambda one: one.mean(paid), reverse=True)
+    save_policy(folder, explorers[learned[0].policy].state_dict())
     rows = write_evaluation(folder, learned, state.evaluations)
     write_episode_video(folder, maze, learned[0])
     print(summarize_evaluation(maze.name, rows))

@@ -81,8 +81,13 @@ def test_it_leaves_tables_pictures_and_policies(run: Path) -> None:
     assert len(rows(run / "episodes.csv")) == 13
     assert all(0 < float(row["coverage"]) < 1 for row in rows(run / "episodes.csv"))
     judged = rows(run / "evaluation.csv")
-    names = ["best", "last", "random", "sticky"]
+    first, second = (judged[number]["policy"] for number in (0, 2))
+    names = [first, second, "random", "sticky"]
+    assert {first, second} == {"best", "last"}
     assert [row["policy"] for row in judged] == [name for name in names for _ in "12"]
+    # The better paid comes first, and is kept.
+    paid = [float(row["intrinsic_return"]) for row in judged]
+    assert sum(paid[:2]) >= sum(paid[2:4])
     assert all(0 < float(row["coverage"]) <= 1 for row in judged)
     for name in ("curves.png", "map.png", "episode.mp4"):
         assert (run / name).stat().st_size > 5_000, name

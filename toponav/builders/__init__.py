@@ -20,6 +20,7 @@ from toponav.builders.exploration_report import ExplorationReport, Timer
 from toponav.builders.exploration_state import (
     ExplorationState,
     save_exploration,
+    save_policy,
     start_exploration,
 )
 from toponav.builders.explore_collector import (
@@ -153,6 +154,7 @@ __all__ = [
     "restore_training",
     "save_exploration",
     "save_networks",
+    "save_policy",
     "save_training",
     "split_mazes",
     "start_exploration",

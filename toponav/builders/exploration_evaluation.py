@@ -63,6 +63,10 @@ class Evaluation:
     episodes: TensorDictBase
     views: torch.Tensor
 
+    def mean(self, column: str) -> float:
+        """Mean of a column of `rows`."""
+        return mean_of(self.rows(), column)
+
     def rows(self) -> list[Row]:
         """A row of ``evaluation.csv`` for each episode."""
         later = self.episodes.get("next")

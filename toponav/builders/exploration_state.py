@@ -1,6 +1,7 @@
 """`ExplorationState`: what a run of exploration has done so far, and its checkpoint."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -127,8 +128,13 @@ def save_exploration(
         "torch_generator": torch.get_rng_state(),
     }
     save_atomically(checkpoint, folder / CHECKPOINT_FILE)
-    best = state.best_policy or learner.policy.state_dict()
-    save_atomically({"kind": "toponav policy", "weights": best}, folder / POLICY_FILE)
+    save_policy(folder, state.best_policy or learner.policy.state_dict())
+
+
+def save_policy(folder: Path, weights: Mapping[str, Tensor]) -> None:
+    """Write ``policy.pt``, whole or not at all: an explorer's weights."""
+    kept = {"kind": "toponav policy", "weights": dict(weights)}
+    save_atomically(kept, folder / POLICY_FILE)
 
 
 def start_exploration(
