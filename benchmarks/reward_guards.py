@@ -13,6 +13,7 @@ already (*false* births). Rewards are means per episode.
 import argparse
 import csv
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import torch
@@ -21,7 +22,7 @@ from omegaconf import OmegaConf
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.transforms import Transform
-from tqdm import trange
+from tqdm import tqdm, trange
 
 from toponav.builders import Novelty, load_networks, make_explore_env
 from toponav.builders.novelty import reward_threshold
@@ -50,7 +51,6 @@ CONF = Path(__file__).resolve().parent.parent / "conf"
 GUARDS = {
     "none": {},
     "persistence 3": {"persistence": 3},
-    "persistence 6": {"persistence": 6},
     "min_gap 20": {"min_gap": 20},
     "count on entry": {"count_on": "entry"},
 }
@@ -172,24 +172,23 @@ def main() -> None:
         for name, walk in make_walks(options.maze, options.seed).items()
     }
     rows = []
-    for threshold in ("auto", "tc"):
+    for threshold, guard in tqdm(list(product(("auto", "tc"), GUARDS)), desc="guard"):
         config = replace(settings.reward, threshold=threshold)
         level = reward_threshold(networks.thresholds, config)
-        for guard, changes in GUARDS.items():
-            changed = replace(settings, reward=guarded(config, changes))
-            returns = {}
-            for name, seen in walks.items():
-                found = reward(changed, Novelty(networks.tc, level), seen).tolist()
-                returns[name] = found[0]
-                coverage = float(seen[-1][COVERAGE].mean())
-                rows.append(
-                    [
-                        *(options.maze, threshold, round(level, 3), guard, name),
-                        *(options.episodes, round(coverage, 3)),
-                        *(round(value, 2) for value in found),
-                        round(found[0] / returns["expert"], 3),
-                    ]
-                )
+        changed = replace(settings, reward=guarded(config, GUARDS[guard]))
+        returns = {}
+        for name, seen in walks.items():
+            found = reward(changed, Novelty(networks.tc, level), seen).tolist()
+            returns[name] = found[0]
+            coverage = float(seen[-1][COVERAGE].mean())
+            rows.append(
+                [
+                    *(options.maze, threshold, round(level, 3), guard, name),
+                    *(options.episodes, round(coverage, 3)),
+                    *(round(value, 2) for value in found),
+                    round(found[0] / returns["expert"], 3),
+                ]
+            )
     for row in [HEADER, *rows]:
         print("{:6} {:9} {:10} {:14} {:7} {:8} {:8} {:16} {:6} {:12} {}".format(*row))
     if options.out:
