@@ -88,6 +88,17 @@ def test_a_write_that_fails_leaves_the_old_file(state, tmp_path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_the_name_changes_hands_in_one_step(state, tmp_path) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    before = path.read_bytes()
+    with path.open("rb") as reader:
+        save_map(state, path, about={"maze": "another"})
+        # Who had the old file open still reads it whole.
+        assert reader.read() == before
+    assert path.read_bytes() != before
+
+
 def damaged(path, how):
     data = path.read_bytes()
     if how == "empty":

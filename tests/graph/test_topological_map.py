@@ -67,6 +67,20 @@ def test_an_edge_that_was_only_seen_is_dearer() -> None:
     assert grown.edge_cost.tolist() == [1.0, 2.5, 1.0, 2.5, 1.0]
 
 
+def test_steps_make_no_edges_where_only_reach_does() -> None:
+    grown = make_map(edges="reach")
+    assert grown.add_episode(episode(0, 60, 0, 20, 0)).tolist() == [0, 1, 0, 2, 0]
+    # 20 reaches 0 (0.8); 20 is born once and left once: both steps count.
+    assert told(grown) == ([(0, 2)], {(0, 2): 2})
+
+
+def test_only_new_waypoints_are_linked_by_time_if_wanted() -> None:
+    grown = make_map(edges="time", link_transitions=False)
+    # 0-50 and 50-99 by birth; the steps 99-0 and 0-50 know their ends already.
+    grown.add_episode(episode(0, 50, 99, 0, 50))
+    assert told(grown) == ([(0, 1), (1, 2)], {(0, 1): 2, (1, 2): 1})
+
+
 def test_a_new_waypoint_of_a_later_episode_is_linked_by_the_view_before() -> None:
     # Eq. 12: 40 was seen after 22, which reaches 0 and itself; 40 reaches 22 alone.
     by_previous, by_itself = make_map(extend_by="previous"), make_map()
@@ -201,7 +215,7 @@ def test_similarities_are_those_of_the_networks() -> None:
 def test_a_shortlist_finds_what_all_comparisons_find() -> None:
     torch.manual_seed(0)
     greys = torch.randint(0, 101, (300,)).tolist()
-    maps = [make_map(shortlist=some, edges="time") for some in (None, 3)]
+    maps = [make_map(nearby=1, shortlist=some, edges="time") for some in (None, 3)]
     places = [grown.add_episode(episode(*greys)).tolist() for grown in maps]
     assert places[0] == places[1]
     assert maps[0].num_waypoints > 5
