@@ -133,7 +133,7 @@ def save_exploration(
 
 def save_policy(folder: Path, weights: Mapping[str, Tensor]) -> None:
     """Write ``policy.pt``, whole or not at all: an explorer's weights."""
-    kept = {"kind": "toponav policy", "weights": dict(weights)}
+    kept: dict[str, object] = {"kind": "toponav policy", "weights": dict(weights)}
     save_atomically(kept, folder / POLICY_FILE)
 
 
