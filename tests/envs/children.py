@@ -18,6 +18,9 @@ from tests.envs.layouts import GATE, LANE
 from toponav.envs import DoomMazeEnv
 from toponav.envs.doom import instances
 
+# A shell that starts the tests in the background lets them ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 def tell(*envs):
     '''Engines' process and instance numbers, then wait for a line.'''
     engines = [game.engine for env in envs for game in env._fleet._games]
