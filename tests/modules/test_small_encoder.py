@@ -102,3 +102,23 @@ def test_an_odd_size_and_a_wrong_image_are_refused() -> None:
         make_encoder()(torch.zeros(1, 3, 24, 32, dtype=torch.uint8))
     with pytest.raises(ValueError, match="must be uint8"):
         make_encoder()(torch.zeros(1, 24, 32, 3, dtype=torch.int32))
+
+
+@pytest.mark.parametrize("batch_norm", [True, False])
+def test_folding_the_normalisation_changes_no_embedding(batch_norm: bool) -> None:
+    torch.manual_seed(0)
+    encoder = SmallEncoder(32, batch_norm=batch_norm)
+    views = torch.randint(0, 256, (6, 120, 160, 3), dtype=torch.uint8)
+    for _ in range(3):
+        encoder(views)  # moves the running means and variances
+    for layer in encoder.convolutions:
+        if isinstance(layer, torch.nn.BatchNorm2d):
+            layer.weight.data.uniform_(0.5, 2)
+            layer.bias.data.uniform_(-1, 1)
+    encoder.eval()
+    plain = encoder(views)
+    with torch.no_grad():
+        folded = encoder(views)
+    assert plain.requires_grad
+    assert not folded.requires_grad
+    torch.testing.assert_close(folded, plain.detach(), rtol=1e-4, atol=1e-5)
