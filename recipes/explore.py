@@ -44,6 +44,7 @@ from toponav.builders import (
     make_map_growth,
     make_novelty,
     make_online_learning,
+    make_walks,
     prepare_networks,
     pretraining_decisions,
     require_finite,
@@ -85,19 +86,23 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     grown = make_map_growth(
         settings, networks, pretraining_decisions=pretraining_decisions(settings)
     )
+    walks = make_walks(
+        settings, networks, check=partial(check, setting="locomotion.lr")
+    )
+    parts = (learner, online, grown, walks)
     resume = settings.resume is not None
-    state = start_exploration(folder, learner, online, grown, resume=resume)
-    save = partial(save_exploration, folder, state, learner, online, grown)
+    state = start_exploration(folder, *parts, resume=resume)
+    save = partial(save_exploration, folder, state, *parts)
     collect, every, maze = settings.collect, settings.report, settings.maze
     paid = "coverage" if settings.reward.kind == "coverage" else "intrinsic_return"
 
     # What walks that see nothing cover: the level that is to be beaten.
     if not state.evaluations:
-        walks = {
+        blind = {
             "random": RandomPolicy(seed=settings.seed),
             "sticky": StickyPolicy(seed=settings.seed),
         }
-        walked = evaluate_policies(settings, novelty, walks)
+        walked = evaluate_policies(settings, novelty, blind)
         state.evaluations = write_evaluation(folder, walked)
         save()
 
@@ -131,8 +136,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
             if ended:
                 state.consider(policy, paid, every.best_of)
 
-            # The map grows from the same views.
+            # The map grows from the same views, and the ways are kept.
             grown.add(batch, state.decisions)
+            walks.add(batch)
 
             # The networks learn on, and now and then the others get a new version.
             if online is not None:
@@ -162,6 +168,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
 
     # The map as the last networks see it, sparse if wanted.
     grown.finish(folder, state.decisions)
+
+    # The L-network learns to walk as the explorers did.
+    walks.learn(folder)
 
     # Whole episodes of the best and of the last policy, judged by the truth. The one
     # that is paid more is kept: the best of a training owes something to luck.

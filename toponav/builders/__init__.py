@@ -85,6 +85,7 @@ from toponav.builders.training import (
     save_training,
 )
 from toponav.builders.validation import Validation, embed_views
+from toponav.builders.walks import make_walks
 
 __all__ = [
     "FRAME_KEYS",
@@ -143,6 +144,7 @@ __all__ = [
     "make_optimizer",
     "make_pair_source",
     "make_policies",
+    "make_walks",
     "markdown_summary",
     "mean_of",
     "play_policies",

@@ -15,6 +15,7 @@ from toponav.builders.learner import Learner
 from toponav.builders.map_growth import MapGrowth, NoMap
 from toponav.builders.online import OnlineLearning
 from toponav.builders.training import CHECKPOINT_FILE
+from toponav.builders.walks import NoWalks, Walks
 from toponav.config import ExploreCollectConfig, SettingsError
 
 #: The file in a run folder that holds the best policy.
@@ -104,6 +105,7 @@ def save_exploration(
     learner: Learner,
     online: OnlineLearning | None,
     grown: MapGrowth | NoMap,
+    walks: Walks | NoWalks,
 ) -> None:
     """Write ``checkpoint.pt`` and ``policy.pt``, each whole or not at all.
 
@@ -117,6 +119,7 @@ def save_exploration(
         learner: of the policy.
         online: of the networks, if they learn on.
         grown: the map.
+        walks: what the L-network's head is to learn from.
     """
     checkpoint: dict[str, object] = {
         "kind": _KIND,
@@ -125,6 +128,7 @@ def save_exploration(
         "learner": learner.state_dict(),
         "online": None if online is None else online.state_dict(),
         "map": grown.state_dict(),
+        "walks": walks.state_dict(),
         "torch_generator": torch.get_rng_state(),
     }
     save_atomically(checkpoint, folder / CHECKPOINT_FILE)
@@ -142,6 +146,7 @@ def start_exploration(
     learner: Learner,
     online: OnlineLearning | None,
     grown: MapGrowth | NoMap,
+    walks: Walks | NoWalks,
     *,
     resume: bool,
 ) -> ExplorationState:
@@ -152,6 +157,7 @@ def start_exploration(
         learner: gets weights, optimiser and the scale of rewards.
         online: gets the networks' weights and optimiser.
         grown: gets the map.
+        walks: gets what was kept.
         resume: whether to go on; a run that was cut off before its first checkpoint
             begins at its start.
 
@@ -174,6 +180,8 @@ def start_exploration(
         # A run of before maps goes on with an empty one.
         if found.get("map") is not None:
             grown.load_state_dict(found["map"])
+        if found.get("walks") is not None:
+            walks.load_state_dict(found["walks"])
         torch.set_rng_state(found["torch_generator"])
         return ExplorationState(**found["state"])
     except (KeyError, TypeError, RuntimeError, ValueError) as error:

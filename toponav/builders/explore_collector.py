@@ -75,7 +75,7 @@ def batch_keys(config: ExploreConfig) -> list[NestedKey]:
     now += [TRAJECTORY, "step_count"]
     if config.online.learn or config.map.grow:
         now.append(PIXELS)
-    if config.map.grow and view != EMBEDDING:
+    if (config.map.grow or config.locomotion.learn) and view != EMBEDDING:
         now.append(EMBEDDING)
     # A goal's reward says that the agent was put elsewhere.
     later = [view, *_STATE, *_ENDS, *_PAID, *_SEEN, NUM_WAYPOINTS]

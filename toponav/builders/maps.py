@@ -44,6 +44,8 @@ def make_map(
         link_transitions=config.link_transitions,
         window=config.window,
         search_window=config.search_window,
+        surroundings=config.surroundings,
+        surroundings_above=config.surroundings_above,
         hysteresis=config.hysteresis,
         nearby=config.nearby,
         shortlist=config.shortlist,

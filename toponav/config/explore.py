@@ -181,6 +181,23 @@ class OnlineConfig:
 
 
 @dataclass
+class LocomotionConfig:
+    """What the L-network's head learns from the ways that the explorers took."""
+
+    learn: bool = MISSING
+    memory: int = MISSING
+    k: int = MISSING
+    updates: int = MISSING
+    pairs: int = MISSING
+    lr: float = MISSING
+
+    def __post_init__(self) -> None:
+        for name in ("memory", "k", "updates", "pairs"):
+            require_at_least(f"locomotion.{name}", getattr(self, name), 1)
+        require_above_zero("locomotion.lr", self.lr)
+
+
+@dataclass
 class MapConfig:
     """The topological map that grows while exploring."""
 
@@ -193,6 +210,8 @@ class MapConfig:
     link_transitions: bool = MISSING
     window: int = MISSING
     search_window: int = MISSING
+    surroundings: int = MISSING
+    surroundings_above: float = MISSING
     hysteresis: bool = MISSING
     nearby: int | None = MISSING
     shortlist: int | None = MISSING
@@ -210,8 +229,9 @@ class MapConfig:
                 require_between(f"map.{name}", float(value), 0, 0.999)
         require_choice("map.edges", self.edges, ("both", "reach", "time"))
         require_choice("map.extend_by", self.extend_by, ("itself", "previous"))
-        for name in ("window", "search_window"):
+        for name in ("window", "search_window", "surroundings"):
             require_at_least(f"map.{name}", getattr(self, name), 0)
+        require_between("map.surroundings_above", self.surroundings_above, 0, 0.999)
         for name in ("envs", "nearby", "shortlist"):
             if (value := getattr(self, name)) is not None:
                 require_at_least(f"map.{name}", value, 1)
@@ -271,6 +291,7 @@ class ExploreConfig:
     loss: LossConfig = MISSING
     collect: ExploreCollectConfig = MISSING
     online: OnlineConfig = MISSING
+    locomotion: LocomotionConfig = MISSING
     map: MapConfig = MISSING
     pretraining: PretrainingConfig = MISSING
     report: ReportConfig = MISSING
@@ -289,6 +310,17 @@ class ExploreConfig:
             "collect.decisions must be at least collect.envs * loss.rollout = "
             f"{self.collect.envs * self.loss.rollout}, one batch",
             self.collect.decisions,
+        )
+        require(
+            not self.locomotion.learn or self.online.learn or self.model.share_encoder,
+            "locomotion.learn must be false with model.share_encoder=false",
+            self.locomotion.learn,
+        )
+        require(
+            self.locomotion.k < self.maze.episode_length,
+            "locomotion.k must be less than maze.episode_length = "
+            f"{self.maze.episode_length} decisions",
+            self.locomotion.k,
         )
         longest = max(self.pairs.k * self.pairs.m, self.pairs.locomotion_k)
         require(

@@ -45,6 +45,7 @@ class Attempts:
         """Begin with N agents that have tried nothing."""
         self._least = torch.full((num_agents,), torch.inf, dtype=torch.float64)
         self._spent: list[dict[tuple[int, int], int]] = [{} for _ in range(num_agents)]
+        self._cost = torch.full((num_agents,), torch.inf, dtype=torch.float64)
         # The edge that each agent tried last.
         self._tried: list[tuple[int, int]] = [(-1, -1)] * num_agents
 
@@ -85,8 +86,12 @@ class Attempts:
         self._least = torch.where(gets_on, cost.double(), self._least)
         for agent in has_way.nonzero().flatten().tolist():
             here, spent = int(place[agent]), self._spent[agent]
-            if self._tried[agent][1] == here:
-                spent.pop(self._tried[agent], None)
+            tried = self._tried[agent]
+            if tried[1] == here:
+                spent.pop(tried, None)
+            elif tried[0] not in (here, -1) and cost[agent] >= self._cost[agent]:
+                spent[tried] = spent.get(tried, 0) + self.patience // 3
+            self._cost[agent] = cost[agent]
             edge = self._tried[agent] = (here, int(onward[agent]))
             if not gets_on[agent]:
                 spent[edge] = spent.get(edge, 0) + 1

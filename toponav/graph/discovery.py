@@ -253,10 +253,29 @@ class Discovery:
         if len(likely):
             votes = self.waypoints.similarities(frames, likely)
             mean = np.asarray(votes, np.float64).mean(0)
-            best = int(mean.argmax())
-            if mean[best] > threshold:
-                return self._move(track, int(likely[best]))
+            for best in (-mean).argsort(kind="stable"):
+                if not mean[best] > threshold:
+                    break
+                if self._fits(track, node := int(likely[best])):
+                    return self._move(track, node)
         return self._bear(track, some, known)
+
+    def _fits(self, track: Track, node: int) -> bool:
+        """Whether what lies around a frame is like what lies around a waypoint.
+
+        A view of a bare wall looks like many others, the way to it does not.
+        """
+        span = self.rules.surroundings
+        if not span:
+            return True
+        steps = [span * part // 4 for part in (-4, -3, -2, -1, 1, 2, 3, 4)]
+        at = [track.cursor + step for step in steps if step]
+        around = [one for one in at if 0 <= one < len(track.frames)]
+        if not around:
+            return True
+        near = torch.tensor(self.graph.nearby(node, 2 * span))
+        known = self.waypoints.similarities(track.frames[around], near)
+        return float(known.amax(1).mean()) > self.rules.surroundings_above
 
     def _move(self, track: Track, place: int) -> None:
         before = track.place

@@ -27,6 +27,8 @@ class Rules:
     link_transitions: bool = True
     window: int = 1
     search_window: int = 2
+    surroundings: int = 0
+    surroundings_above: float = 0.9
     hysteresis: bool = True
     nearby: int | None = 16
     shortlist: int | None = 32
@@ -35,9 +37,13 @@ class Rules:
         self.set_thresholds(self.tc_threshold, self.tc_reach)
         _check_choice("edges", self.edges, ("both", "reach", "time"))
         _check_choice("extend_by", self.extend_by, ("itself", "previous"))
-        for name in ("window", "search_window"):
+        for name in ("window", "search_window", "surroundings"):
             if (value := getattr(self, name)) < 0:
                 raise ValueError(f"{name} must be at least 0, got {value}")
+        if not 0 <= self.surroundings_above < 1:
+            raise ValueError(
+                f"surroundings_above must be in [0, 1), got {self.surroundings_above}"
+            )
         for name in ("nearby", "shortlist"):
             if (value := getattr(self, name)) is not None and value < 1:
                 raise ValueError(f"{name} must be None or at least 1, got {value}")
@@ -78,7 +84,7 @@ class Rules:
     @property
     def lookahead(self) -> int:
         """Observations that must be known after one that is decided."""
-        return max(self.window, self.search_window)
+        return max(self.window, self.search_window, self.surroundings)
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

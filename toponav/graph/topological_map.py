@@ -70,6 +70,12 @@ class TopologicalMap:
             not, such a step counts only where there is an edge already.
         window: observations on either side that vote; 0 for none.
         search_window: the same in a search among all waypoints.
+        surroundings: a waypoint that was found in a search must fit what lies around
+            it too: of the observations up to so many before and after, eight are
+            compared with the waypoints nearest by edges, twice as many as this; 0 for
+            no such test. Bare walls look alike, the ways to them do not.
+        surroundings_above: the mean over those observations of the similarity to the
+            nearest of those waypoints must be above this, in [0, 1).
         hysteresis: whether an observation stays where the last one was if it can.
         nearby: how many waypoints around the last one, nearest by edges, are compared
             before all others; ``None`` compares all at once, which costs more with
@@ -122,6 +128,8 @@ class TopologicalMap:
         link_transitions: bool = True,
         window: int = 1,
         search_window: int = 2,
+        surroundings: int = 0,
+        surroundings_above: float = 0.9,
         hysteresis: bool = True,
         nearby: int | None = 16,
         shortlist: int | None = 32,
@@ -136,6 +144,8 @@ class TopologicalMap:
             link_transitions=link_transitions,
             window=window,
             search_window=search_window,
+            surroundings=surroundings,
+            surroundings_above=surroundings_above,
             hysteresis=hysteresis,
             nearby=nearby,
             shortlist=shortlist,
