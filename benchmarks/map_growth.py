@@ -108,7 +108,7 @@ def make_map(
             "images": torch.empty(0),
             "origins": torch.zeros(num, 2, dtype=torch.int64),
             "edges": edges,
-            "traversals": torch.ones(len(edges), dtype=torch.int64),
+            "traversals": torch.ones(len(edges), 2, dtype=torch.int64),
             "edge_similarity": torch.full((len(edges),), torch.nan),
             "version": 0,
             "network_version": 0,

@@ -74,7 +74,7 @@ def write_map(folder: Path, config: ExploreConfig, *, cells: int | None = None) 
         "images": images,
         "origins": torch.zeros(len(places), 2, dtype=torch.int64),
         "edges": pairs,
-        "traversals": torch.ones(len(pairs), dtype=torch.int64),
+        "traversals": torch.ones(len(pairs), 2, dtype=torch.int64),
         "edge_similarity": torch.full((len(pairs),), 0.9),
         "version": 1,
         "network_version": 0,

@@ -139,7 +139,11 @@ class MapGrowth:
         """
         grown, poses = self.map, self.poses.values
         quality = map_quality(
-            self._metric, poses, grown.edges, grown.edge_cost, far_cells=_FAR_CELLS
+            self._metric,
+            poses,
+            grown.edges,
+            grown.edge_cost.amin(1),
+            far_cells=_FAR_CELLS,
         )
         row: Row = {
             "decisions": decisions,
@@ -166,7 +170,7 @@ class MapGrowth:
         figure = draw_topological_map(
             poses,
             grown.edges,
-            grown.edge_cost,
+            grown.edge_cost.amin(1),
             edge_lengths(self._metric, poses, grown.edges) > far,
             draw=self._draw_plan,
             title=f"{self.config.maze.name} after {row['decisions']:,} decisions: "

@@ -59,7 +59,7 @@ def write_leg(folder: Path, played: Played, explored: Explored) -> None:
             goal=(int(trace.goal_cells[at][0]), int(trace.goal_cells[at][1])),
         ),
         waypoints=explored.poses[:, :2],
-        edges=explored.map.edges[explored.map.edge_cost <= 1],
+        edges=explored.map.edges[explored.map.edge_cost.amin(1) <= 1],
         planned=_first_plan(explored, trace.place[span], trace.goal_node[span]),
         cuts=cuts,
         title=f"episode {leg.episode}: {leg.decisions} decisions, "

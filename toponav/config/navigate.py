@@ -21,11 +21,13 @@ class NavigatorConfig:
     unwalked_cost: float = MISSING
     hops: int = MISSING
     window: int = MISSING
+    shortlist: int | None = MISSING
     hysteresis: bool = MISSING
     lookahead: int = MISSING
     temperature: float = MISSING
     avoid_futile: bool = MISSING
     block_after: int | None = MISSING
+    block_tries: int | None = MISSING
     cut_alike: bool = MISSING
     keep_cuts: bool = MISSING
     fade_after: int | None = MISSING
@@ -35,9 +37,11 @@ class NavigatorConfig:
     def __post_init__(self) -> None:
         if self.tc_reach is not None:
             require_between("navigator.tc_reach", self.tc_reach, 0, 0.9999)
+        if self.shortlist is not None:
+            require_at_least("navigator.shortlist", self.shortlist, 1)
         for name in ("hops", "window", "lookahead", "lost_for"):
             require_at_least(f"navigator.{name}", getattr(self, name), 1)
-        for name in ("block_after", "fade_after", "goal_patience"):
+        for name in ("block_after", "block_tries", "fade_after", "goal_patience"):
             if (value := getattr(self, name)) is not None:
                 require_at_least(f"navigator.{name}", value, 1)
         require_at_least("navigator.temperature", self.temperature, 0)

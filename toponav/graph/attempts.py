@@ -11,7 +11,10 @@ class Attempts:
     last *got on*, that is, came nearer to its goal than ever since the last plan, by
     the cost of the path that is left. An agent that is driven off and comes back goes
     on counting where it was; one that sways between two places counts for both. An
-    edge that was walked to its end is none that is stuck, and is counted anew.
+    edge that was walked to its end is none that is stuck, and is counted anew. An edge
+    is stuck too once the agent set off on it ``tries`` times and came to a place no
+    nearer to its goal, as when it walks in circles past the start of an edge that
+    exists on the map alone.
 
     Reference:
         The paper, "Goal reaching process": "if the goal is not reached within a certain
@@ -20,9 +23,10 @@ class Attempts:
 
     Args:
         patience: decisions; ``None`` if no edge is ever stuck.
+        tries: times; ``None`` if decisions alone count.
 
     Raises:
-        ValueError: if ``patience < 1``.
+        ValueError: if ``patience < 1`` or ``tries < 1``.
 
     Examples:
         >>> attempts = Attempts(patience=2)
@@ -35,10 +39,12 @@ class Attempts:
         N: agents.
     """
 
-    def __init__(self, *, patience: int | None = 40) -> None:
-        if patience is not None and patience < 1:
-            raise ValueError(f"patience must be at least 1, got {patience}")
+    def __init__(self, *, patience: int | None = 40, tries: int | None = None) -> None:
+        for name, number in (("patience", patience), ("tries", tries)):
+            if number is not None and number < 1:
+                raise ValueError(f"{name} must be at least 1, got {number}")
         self.patience = patience
+        self.tries = tries
         self.resize(0)
 
     def resize(self, num_agents: int) -> None:
@@ -46,7 +52,9 @@ class Attempts:
         self._least = torch.full((num_agents,), torch.inf, dtype=torch.float64)
         self._spent: list[dict[tuple[int, int], int]] = [{} for _ in range(num_agents)]
         self._cost = torch.full((num_agents,), torch.inf, dtype=torch.float64)
-        # The edge that each agent tried last.
+        # How often each agent left an edge for a place no nearer to its goal.
+        self._failed: list[dict[tuple[int, int], int]] = [{} for _ in range(num_agents)]
+        # The edge that each agent tried last, and what was left of its way then.
         self._tried: list[tuple[int, int]] = [(-1, -1)] * num_agents
 
     def restart(self, agents: Tensor) -> None:
@@ -54,6 +62,7 @@ class Attempts:
         self._least[agents] = torch.inf
         for agent in agents.nonzero().flatten().tolist():
             self._spent[agent].clear()
+            self._failed[agent].clear()
             self._tried[agent] = (-1, -1)
 
     def replan(self, agent: int, cost: float) -> None:
@@ -89,13 +98,22 @@ class Attempts:
             tried = self._tried[agent]
             if tried[1] == here:
                 spent.pop(tried, None)
+                self._failed[agent].pop(tried, None)
             elif tried[0] not in (here, -1) and cost[agent] >= self._cost[agent]:
-                spent[tried] = spent.get(tried, 0) + self.patience // 3
+                failed = self._failed[agent]
+                failed[tried] = failed.get(tried, 0) + 1
             self._cost[agent] = cost[agent]
             edge = self._tried[agent] = (here, int(onward[agent]))
             if not gets_on[agent]:
                 spent[edge] = spent.get(edge, 0) + 1
-                if spent[edge] >= self.patience:
-                    stuck[agent] = True
-                    del spent[edge]
+            if self._is_stuck(agent, edge):
+                stuck[agent] = True
+                spent.pop(edge, None)
+                self._failed[agent].pop(edge, None)
         return stuck
+
+    def _is_stuck(self, agent: int, edge: tuple[int, int]) -> bool:
+        assert self.patience is not None
+        too_long = self._spent[agent].get(edge, 0) >= self.patience
+        failed = self._failed[agent].get(edge, 0)
+        return too_long or (self.tries is not None and failed >= self.tries)

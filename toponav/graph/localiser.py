@@ -38,7 +38,11 @@ class Map(Protocol):
 
     @property
     def edge_cost(self) -> Tensor:
-        """Cost of each edge, finite and above 0, float32 ``[E]``."""
+        """Cost of each edge, finite and above 0.
+
+        float32 ``[E, 2]``, from the first end to the second and back, or ``[E]``, the
+        same both ways.
+        """
 
     @property
     def version(self) -> int:
@@ -69,6 +73,8 @@ class Localiser:
         hops: how far from the last place to look first.
         window: number of last views whose similarities are averaged; 1 takes the
             present one alone.
+        shortlist: waypoints that are compared, those whose embeddings are nearest to
+            the view's by straight distance, which is far cheaper; ``None`` for all.
         stay_above: an agent stays at its last place while the similarity to it is above
             this; ``None`` lets it change to any that is more alike.
 
@@ -93,6 +99,7 @@ class Localiser:
         tc_reach: float,
         hops: int = 7,
         window: int = 1,
+        shortlist: int | None = None,
         stay_above: float | None = None,
     ) -> None:
         if not 0 <= tc_reach < 1:
@@ -100,6 +107,8 @@ class Localiser:
         for name, number in (("hops", hops), ("window", window)):
             if number < 1:
                 raise ValueError(f"{name} must be at least 1, got {number}")
+        if shortlist is not None and shortlist < 1:
+            raise ValueError(f"shortlist must be None or at least 1, got {shortlist}")
         if not map.num_waypoints:
             raise ValueError("the map must have a waypoint to be at, got an empty map")
         self.map = map
@@ -107,6 +116,7 @@ class Localiser:
         self.tc_reach = tc_reach
         self.hops = hops
         self.window = window
+        self.shortlist = shortlist
         self.stay_above = stay_above
         self.resize(0)
 
@@ -117,6 +127,7 @@ class Localiser:
         # The last views of each agent, newest first, and how many of them count.
         size = (num_agents, self.window, self.map.embeddings.shape[1])
         self._views = torch.zeros(size)
+        self._square = self.map.embeddings.float().square().sum(1).cpu()
         self._count = torch.zeros(num_agents, dtype=torch.int64)
 
     def forget(self, agents: Tensor) -> None:
@@ -149,6 +160,7 @@ class Localiser:
         nodes = torch.nn.utils.rnn.pad_sequence(
             [self.around(node) for node in last], batch_first=True, padding_value=-1
         )
+        nodes = self._short(self._views[agents, 0], nodes)
         score = self._scores(agents, nodes.clamp(min=0)).masked_fill(nodes < 0, -1.0)
         best, at = score.max(1)
         found = nodes.gather(1, at.unsqueeze(1)).squeeze(1)
@@ -158,12 +170,33 @@ class Localiser:
         return found.masked_fill(best <= self.tc_reach, -1)
 
     def _anywhere(self, agents: Tensor) -> Tensor:
-        every = torch.arange(self.map.num_waypoints)
         found = []
-        for some in agents.split(max(_AT_ONCE // len(every), 1)):
-            best, at = self._scores(some, every.expand(len(some), -1)).max(1)
-            found.append(at.masked_fill(best <= self.tc_reach, -1))
+        for some in agents.split(max(_AT_ONCE // self.map.num_waypoints, 1)):
+            nodes = self._every(self._views[some, 0])
+            best, at = self._scores(some, nodes).max(1)
+            place = nodes.gather(1, at.unsqueeze(1)).squeeze(1)
+            found.append(place.masked_fill(best <= self.tc_reach, -1))
         return torch.cat(found)
+
+    def _every(self, embedding: Tensor) -> Tensor:
+        """The waypoints of the whole map to compare with views ``[n, D]``."""
+        every = torch.arange(self.map.num_waypoints)
+        return self._short(embedding, every.expand(len(embedding), -1))
+
+    def _short(self, embedding: Tensor, nodes: Tensor) -> Tensor:
+        """Of waypoints ``[n, M]``, -1 for none, those whose embeddings are nearest.
+
+        The first one stays the first: it is where the agent was.
+        """
+        if self.shortlist is None or nodes.shape[1] <= self.shortlist:
+            return nodes
+        view, every = embedding.float().cpu(), self.map.embeddings.float().cpu()
+        # |w - v|^2 but for |v|^2, which is the same for all.
+        away = self._square - 2 * view @ every.T
+        away = away.gather(1, nodes.clamp(min=0)).masked_fill(nodes < 0, torch.inf)
+        away[:, 0] = -torch.inf
+        at = away.topk(self.shortlist, largest=False).indices.sort(1).values
+        return nodes.gather(1, at)
 
     def nearest(self, embedding: Tensor) -> tuple[Tensor, Tensor]:
         """The waypoint most like each view, and how alike they are.
@@ -174,15 +207,13 @@ class Localiser:
         Returns:
             int64 ``[n]`` and float32 ``[n]``.
         """
-        every = torch.arange(self.map.num_waypoints)
-        found = [
-            self.similarity(some, every.expand(len(some), -1)).max(1)
-            for some in embedding.split(max(_AT_ONCE // len(every), 1))
-        ]
-        return (
-            torch.cat([best.indices for best in found]),
-            torch.cat([best.values for best in found]),
-        )
+        places, values = [], []
+        for some in embedding.split(max(_AT_ONCE // self.map.num_waypoints, 1)):
+            nodes = self._every(some)
+            best, at = self.similarity(some, nodes).max(1)
+            places.append(nodes.gather(1, at.unsqueeze(1)).squeeze(1))
+            values.append(best)
+        return torch.cat(places), torch.cat(values)
 
     def _scores(self, agents: Tensor, nodes: Tensor) -> Tensor:
         """Similarity of the last views of some agents to ``nodes``, ``[n, M]``."""

@@ -20,7 +20,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-_FORMAT, _VERSION = "toponav map", 1
+_FORMAT, _VERSION = "toponav map", 2
 _NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
 #: Every entry has this date, so that one map gives one file to the last byte.
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -147,10 +147,11 @@ def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
             {
                 "source": one,
                 "target": other,
-                "traversals": count,
+                "traversals": there,
+                "traversals_back": back,
                 "similarity": None if value != value else value,
             }
-            for (one, other), count, value in edges
+            for (one, other), (there, back), value in edges
         ],
     }
     return json.dumps(told, indent=0, allow_nan=False).encode()
@@ -184,8 +185,9 @@ def _read(
         [[node["environment"], node["observation"]] for node in nodes]
     )
     state["edges"] = _integers([[edge["source"], edge["target"]] for edge in edges])
-    counts = [edge["traversals"] for edge in edges]
-    state["traversals"] = torch.tensor(counts, dtype=torch.int64)
+    state["traversals"] = _integers(
+        [[edge["traversals"], edge["traversals_back"]] for edge in edges]
+    )
     values = [edge["similarity"] for edge in edges]
     state["edge_similarity"] = torch.tensor(
         [float("nan") if value is None else value for value in values],

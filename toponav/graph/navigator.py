@@ -88,12 +88,14 @@ class Navigator(TensorDictModuleBase):
         tc_reach: see `Localiser`.
         hops: see `Localiser`.
         window: see `Localiser`.
+        shortlist: see `Localiser`.
         stay_above: see `Localiser`.
         lookahead: waypoints of the path to look at.
         temperature: of the softmax over the logits; 0 takes the most probable action.
         avoid_futile: whether an action that left the view exactly as it was is not
             drawn again until the view changes, such as walking against a wall.
-        block_after: see `Attempts`, ``None`` never closes an edge.
+        block_after: patience of `Attempts`, ``None`` never closes an edge.
+        block_tries: tries of `Attempts`.
         cut_alike: whether a cut also closes all edges that lead nearer to the goal from
             waypoints like the present view: those beside the path cross the same
             blockage, and each would have to be tried.
@@ -162,11 +164,13 @@ class Navigator(TensorDictModuleBase):
         tc_reach: float,
         hops: int = 7,
         window: int = 1,
+        shortlist: int | None = None,
         stay_above: float | None = None,
         lookahead: int = 7,
         temperature: float = 1.0,
         avoid_futile: bool = False,
         block_after: int | None = 40,
+        block_tries: int | None = None,
         cut_alike: bool = False,
         keep_cuts: bool = False,
         fade_after: int | None = None,
@@ -198,10 +202,11 @@ class Navigator(TensorDictModuleBase):
             tc_reach=tc_reach,
             hops=hops,
             window=window,
+            shortlist=shortlist,
             stay_above=stay_above,
         )
         self.goals = GoalNodes(patience=goal_patience)
-        self.attempts = Attempts(patience=block_after)
+        self.attempts = Attempts(patience=block_after, tries=block_tries)
         self.sampler = ActionSampler(
             temperature=temperature, avoid_futile=avoid_futile, seed=seed
         )

@@ -36,7 +36,8 @@ class Planner:
     Args:
         num_nodes: number of waypoints W.
         edges: int64 ``[E, 2]``, undirected, each once.
-        edge_cost: ``[E]``.
+        edge_cost: ``[E, 2]``, from the first end to the second and back, or ``[E]``,
+            the same both ways.
 
     Raises:
         ValueError: if an edge names no waypoint, or a cost is not finite and positive.
@@ -70,13 +71,18 @@ class Planner:
             )
         self.num_nodes = num_nodes
         self.edges = edges.cpu()
-        self._cost = edge_cost.double().cpu()
+        cost = edge_cost.double().cpu()
+        # The ways there, and then the ways back.
+        self._cost = (cost if cost.ndim == 2 else cost.expand(2, -1).T).T.flatten()
         keys = self.edges.min(1).values * num_nodes + self.edges.max(1).values
         self._keys, self._order = keys.sort()
-        self._graph = rx.PyGraph(multigraph=True)
+        # The search goes from the goals back, against the direction of walking.
+        here, there = torch.cat([self.edges, self.edges.flip(1)]).T.tolist()
+        self._graph = rx.PyDiGraph(multigraph=True)
         self._graph.add_nodes_from(range(num_nodes))
-        numbered = [(i, j, e) for e, (i, j) in enumerate(self.edges.tolist())]
-        self._graph.add_edges_from(numbered)
+        self._graph.add_edges_from(
+            list(zip(there, here, range(len(here)), strict=True))
+        )
 
     def plan(self, goals: Sequence[int], closed: Tensor | None = None) -> Plan:
         """The ways to the nearest of ``goals``.
@@ -87,7 +93,7 @@ class Planner:
         """
         cost = self._cost
         if closed is not None:
-            cost = cost.masked_fill(closed.cpu(), torch.inf)
+            cost = cost.masked_fill(closed.cpu().repeat(2), torch.inf)
         costs = self._search(goals, [*cost.tolist(), 0.0])
         return Plan(costs, self._onward(costs, cost))
 
@@ -111,7 +117,7 @@ class Planner:
     def _onward(self, costs: Tensor, edge_cost: Tensor) -> Tensor:
         """The neighbour through which each waypoint's cost comes; ties: the lowest."""
         here, there = torch.cat([self.edges, self.edges.flip(1)]).unbind(1)
-        by_way = edge_cost.repeat(2) + costs[there]
+        by_way = edge_cost + costs[there]
         best = torch.full_like(costs, torch.inf)
         best = best.scatter_reduce(0, here, by_way, "amin")
         is_best = (by_way == best[here]) & by_way.isfinite() & (costs[here] > 0)

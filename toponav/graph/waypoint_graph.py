@@ -14,19 +14,32 @@ class Evidence:
     """What speaks for an edge.
 
     Args:
-        traversals: how often two observations in a row were mapped to its ends.
+        there: how often an observation was mapped to its lower waypoint and the next
+            one to the other.
+        back: the same the other way round.
         similarity: of its ends when it was last judged, NaN if it never was.
     """
 
-    traversals: int = 0
+    there: int = 0
+    back: int = 0
     similarity: float = math.nan
+
+    @property
+    def walked(self) -> bool:
+        """Whether it was ever walked, this way or that."""
+        return self.there + self.back > 0
 
 
 class WaypointGraph:
-    """Undirected edges between waypoints 0 to W - 1, kept by rustworkx.
+    """Edges between waypoints 0 to W - 1, kept by rustworkx.
+
+    Two waypoints are neighbours or not, but each edge knows in which direction it was
+    walked: who walked from one view to another seldom knows how to walk back, since
+    that is backwards, looking the same way.
 
     Args:
-        unwalked_cost: cost of an edge that was never traversed, in edges that were.
+        unwalked_cost: cost of an edge in a direction in which it was never walked, in
+            edges that were.
 
     Raises:
         ValueError: if ``unwalked_cost`` is below 1.
@@ -38,7 +51,8 @@ class WaypointGraph:
         >>> graph.walk(2, 1)
         >>> graph.edges, graph.edge_cost
         (tensor([[0, 1],
-                [1, 2]]), tensor([3., 1.]))
+                [1, 2]]), tensor([[3., 3.],
+                [3., 1.]]))
         >>> graph.neighbourhood(0, 1), graph.neighbourhood(0, 5)
         (tensor([0, 1]), tensor([0, 1, 2]))
         >>> graph.nearby(1, 2)
@@ -72,7 +86,7 @@ class WaypointGraph:
         Args:
             num_waypoints: W.
             edges: int64 ``[E, 2]``, each pair once.
-            traversals: int64 ``[E]``, see `Evidence`.
+            traversals: int64 ``[E, 2]``, there and back, see `Evidence`.
             similarity: float32 ``[E]``, see `Evidence`.
             version: of the graph from now on; one more by default.
 
@@ -91,8 +105,10 @@ class WaypointGraph:
         told = zip(
             edges.tolist(), traversals.tolist(), similarity.tolist(), strict=True
         )
-        for (one, other), count, value in told:
-            self._graph.add_edge(one, other, Evidence(count, value))
+        for (one, other), (there, back), value in told:
+            if one > other:
+                there, back = back, there
+            self._graph.add_edge(one, other, Evidence(there, back, value))
         self._change()
         self.version = self.version if version is None else version
 
@@ -108,7 +124,7 @@ class WaypointGraph:
 
     @property
     def traversals(self) -> Tensor:
-        """How often each edge was walked, int64 ``[E]``."""
+        """How often each edge was walked, there and back, int64 ``[E, 2]``."""
         return self._told()[1]
 
     @property
@@ -118,7 +134,10 @@ class WaypointGraph:
 
     @property
     def edge_cost(self) -> Tensor:
-        """1 for an edge that was walked, else ``unwalked_cost``; float32 ``[E]``."""
+        """1 for a direction that was walked, else ``unwalked_cost``.
+
+        float32 ``[E, 2]``: from the lower waypoint to the other, and back.
+        """
         walked = self.traversals > 0
         return torch.where(walked, 1.0, self.unwalked_cost).to(torch.float32)
 
@@ -126,15 +145,17 @@ class WaypointGraph:
         """Edges, traversals and similarities, made anew after a change."""
         if self._arrays is None:
             found = sorted(
-                (min(one, other), max(one, other), told.traversals, told.similarity)
+                (*sorted((one, other)), told.there, told.back, told.similarity)
                 for one, other, told in self._graph.weighted_edge_list()
             )
-            rows = list(zip(*found, strict=True)) or [(), (), (), ()]
+            rows = list(zip(*found, strict=True)) or [(), (), (), (), ()]
             ends = torch.tensor(rows[:2], dtype=torch.int64).reshape(2, -1).T
             self._arrays = (
                 ends.contiguous(),
-                torch.tensor(rows[2], dtype=torch.int64),
-                torch.tensor(rows[3], dtype=torch.float32),
+                torch.tensor(rows[2:4], dtype=torch.int64)
+                .reshape(2, -1)
+                .T.contiguous(),
+                torch.tensor(rows[4], dtype=torch.float32),
             )
         return self._arrays
 
@@ -149,18 +170,20 @@ class WaypointGraph:
         return int(self._graph.add_node(None))
 
     def walk(self, one: int, other: int) -> None:
-        """Count a traversal between two waypoints; the edge may be new."""
+        """Count a traversal from one waypoint to another; the edge may be new."""
         if one == other:
             return
-        if self._graph.has_edge(one, other):
-            told = self._graph.get_edge_data(one, other)
-            told.traversals += 1
-            if told.traversals > 1:  # neither its cost nor its ends change
-                self._arrays = None
-                return
+        if not self._graph.has_edge(one, other):
+            self._graph.add_edge(one, other, Evidence())
+        told = self._graph.get_edge_data(one, other)
+        if one < other:
+            told.there += 1
         else:
-            self._graph.add_edge(one, other, Evidence(traversals=1))
-        self._change()
+            told.back += 1
+        if (told.there if one < other else told.back) == 1:
+            self._change()
+        else:  # neither its cost nor its ends changed
+            self._arrays = None
 
     def has_edge(self, one: int, other: int) -> bool:
         """Whether two waypoints are neighbours."""
@@ -201,7 +224,7 @@ class WaypointGraph:
         for (one, other), value in told:
             evidence = self._graph.get_edge_data(one, other)
             evidence.similarity = value
-            if not evidence.traversals and not value > least:
+            if not evidence.walked and not value > least:
                 dropped.append((one, other))
         self._graph.remove_edges_from(dropped)
         self._change()
@@ -215,25 +238,28 @@ class WaypointGraph:
         Args:
             into: int64 ``[W]``, the new number of each waypoint, 0 to W' - 1.
         """
-        ends = into[self.edges].sort(1).values
+        ends = into[self.edges]
         columns = (ends.tolist(), self.traversals.tolist())
         merged: dict[tuple[int, int], Evidence] = {}
-        for (one, other), count, value in zip(
+        for (one, other), (there, back), value in zip(
             *columns, self.edge_similarity.tolist(), strict=True
         ):
             if one == other:
                 continue
+            if one > other:
+                one, other, there, back = other, one, back, there
             told = merged.setdefault((one, other), Evidence())
-            told.traversals += count
+            told.there += there
+            told.back += back
             # NaN is no similarity: any number beats it, and it beats none.
             if math.isnan(told.similarity) or value > told.similarity:
                 told.similarity = value
         pairs = sorted(merged)
-        counts = [merged[pair].traversals for pair in pairs]
+        counts = [(merged[pair].there, merged[pair].back) for pair in pairs]
         self.restore(
             int(into.max()) + 1 if len(into) else 0,
             torch.tensor(pairs, dtype=torch.int64).reshape(-1, 2),
-            torch.tensor(counts, dtype=torch.int64),
+            torch.tensor(counts, dtype=torch.int64).reshape(-1, 2),
             torch.tensor([merged[pair].similarity for pair in pairs]),
         )
 
@@ -275,7 +301,7 @@ class WaypointGraph:
             seen = {waypoint}
             while front and len(found) < most:
                 beside = {
-                    other: evidence.traversals == 0
+                    other: not evidence.walked
                     for one in front
                     for other, evidence in self._graph.adj(one).items()
                     if other not in seen
