@@ -77,7 +77,10 @@ def test_only_some_environments_feed_it_if_wanted() -> None:
 
 
 def test_interaction_counts_all_until_every_cell_is_covered() -> None:
-    config = settings("map.tc_threshold=0.999", "map.tc_reach=0.9")
+    # Without surroundings, a view is decided as soon as it has its votes.
+    config = settings(
+        "map.tc_threshold=0.999", "map.tc_reach=0.9", "map.surroundings=0"
+    )
     growth = make_growth(config)
     num_cells = int(make_layout(config.maze).open_mask.sum())
     batch = make_walk(config)

@@ -139,3 +139,29 @@ def test_no_patience_never_gives_up():
 def test_numbers_out_of_range_are_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_an_edge_tried_in_vain_so_many_times_is_stuck():
+    attempts = Attempts(patience=100, tries=2)
+    attempts.resize(1)
+    # Around in a circle: from 0 the way leads to 1, but one comes to 2, no nearer, and
+    # from there back to 0. The second time that 0 is left in vain, its edge is stuck
+    # when it is to be tried a third time.
+    lap = [(0, 1, 5), (2, 0, 6)]
+    found = [count(attempts, *step) for step in lap * 2 + lap[:1]]
+    assert found == [False] * 4 + [True]
+    # Then all is forgotten.
+    assert [count(attempts, *step) for step in lap * 2] == [False] * 4
+
+
+def test_a_way_on_by_another_place_is_no_try_in_vain():
+    attempts = Attempts(patience=100, tries=1)
+    attempts.resize(1)
+    # From 0 not to 1 but to 2, which is nearer to the goal all the same.
+    found = [count(attempts, *step) for step in [(0, 1, 5), (2, 3, 4), (0, 1, 5)]]
+    assert found == [False, False, False]
+
+
+def test_tries_must_be_some():
+    with pytest.raises(ValueError, match="tries must be at least 1, got 0"):
+        Attempts(tries=0)

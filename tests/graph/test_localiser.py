@@ -148,3 +148,14 @@ def test_futile_actions_are_left_out_until_all_are():
         for _ in range(6)
     ]
     assert drawn == [0, 1, 2, 0, 1, 2]
+
+
+def test_a_shortlist_finds_what_a_look_at_all_finds(grid):
+    # The grid's similarity falls with the straight distance, so that both agree.
+    long, short = make(grid, 3), make(grid, 3, shortlist=4)
+    for views in (at(START, GOAL, (4, 3)), at((1, 2.3), (50, 50), (4, 4.2))):
+        assert torch.equal(long.locate(views), short.locate(views))
+        for one, other in zip(long.nearest(views), short.nearest(views), strict=True):
+            torch.testing.assert_close(one, other)
+    with pytest.raises(ValueError, match="shortlist must be None or at least 1, got 0"):
+        make(grid, shortlist=0)

@@ -133,7 +133,7 @@ def damaged(path, how):
         ("flipped", "got the damaged "),
         ("list", "got the damaged "),
         ("other", "a map must hold graph.json, got "),
-        ("newer", "a map must be of version 1, got .* with toponav map 9"),
+        ("newer", "a map must be of version 2, got .* with toponav map 9"),
     ],
 )
 def test_what_is_no_map_is_said_in_one_sentence(state, tmp_path, how, message) -> None:

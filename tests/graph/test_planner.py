@@ -97,3 +97,18 @@ def test_edges_of_a_region():
 def test_wrong_edges_are_refused(edges, cost, message):
     with pytest.raises(ValueError, match=message):
         Planner(4, torch.tensor(edges), torch.tensor(cost))
+
+
+def test_a_way_can_cost_more_back_than_there():
+    # A triangle 0-1-2: there 1 each; back 5 over each edge of the path 0-1-2, and the
+    # edge 0-2 costs 4 both ways.
+    edges = torch.tensor([[0, 1], [1, 2], [0, 2]])
+    cost = torch.tensor([[1.0, 5.0], [1.0, 5.0], [4.0, 4.0]])
+    planner = Planner(3, edges, cost)
+    there = planner.plan([2])  # 0-1-2 costs 1 + 1 = 2, less than 4
+    assert (there.costs.tolist(), there.onward.tolist()) == ([2, 1, 0], [1, 2, 2])
+    back = planner.plan([0])  # 2-0 costs 4; 1-0 costs 5, as 1-2-0 does
+    assert (back.costs.tolist(), back.onward.tolist()) == ([0, 5, 4], [0, 0, 0])
+    # A closed edge is closed both ways.
+    closed = torch.tensor([False, False, True])
+    assert planner.plan([0], closed).costs.tolist() == [0, 5, 10]

@@ -25,7 +25,7 @@ def test_neighbours_that_agree_about_their_neighbours_become_one() -> None:
     assert grown.images[:, 0, 0, 0].tolist() == [0, 20]
     assert grown.origins.tolist() == [[0, 0], [0, 2]]
     # What walked on from 4 to 20 now counts for 0: it was not walked before.
-    assert grown.traversals.tolist() == [1]
+    assert grown.traversals.tolist() == [[1, 0]]
 
 
 def test_those_that_disagree_stay() -> None:

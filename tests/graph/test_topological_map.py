@@ -32,7 +32,7 @@ OFF = {"tc_threshold": 0.9037, "tc_reach": 0.7537}
 def told(grown):
     """Edges and traversals as plain lists."""
     edges = [tuple(pair) for pair in grown.edges.tolist()]
-    return edges, dict(zip(edges, grown.traversals.tolist(), strict=True))
+    return edges, dict(zip(edges, grown.traversals.sum(1).tolist(), strict=True))
 
 
 def test_the_first_episode_is_simplified_by_elimination() -> None:
@@ -53,7 +53,8 @@ def test_the_first_episode_is_simplified_by_elimination() -> None:
     assert grown.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
     assert grown.edge_similarity[0].item() == pytest.approx(0.8)
     assert grown.edge_similarity[1:].isnan().all()
-    assert grown.edge_cost.tolist() == [1, 1, 1]
+    # From 60 back to 0, and from 0 to 20 to 60.
+    assert grown.edge_cost.tolist() == [[1, 3], [3, 1], [1, 3]]
     assert grown.origins.tolist() == [[0, 0], [0, 2], [0, 4]]
 
 
@@ -64,7 +65,8 @@ def test_an_edge_that_was_only_seen_is_dearer() -> None:
     # reached by none (0.74 from 44) and walked to from 11.
     assert grown.add_episode(episode(11, 70)).tolist() == [3, 4]
     assert grown.edges.tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [3, 4]]
-    assert grown.edge_cost.tolist() == [1.0, 2.5, 1.0, 2.5, 1.0]
+    assert grown.edge_cost.amin(1).tolist() == [1.0, 2.5, 1.0, 2.5, 1.0]
+    assert grown.edge_cost.amax(1).tolist() == [2.5] * 5
 
 
 def test_steps_make_no_edges_where_only_reach_does() -> None:
@@ -288,3 +290,26 @@ def test_broken_networks_are_noticed() -> None:
 def test_an_episode_must_have_observations() -> None:
     with pytest.raises(ValueError, match=r"an episode must be \[T >= 1\], got \[0\]"):
         make_map().add_episode(TensorDict(batch_size=[0]))
+
+
+def test_a_place_found_in_a_search_must_fit_what_lies_around_it() -> None:
+    # 50 lies between 20 and 80 in the first episode. In the second one it lies between
+    # 110 and 120 (a wall that looks the same elsewhere), in the third as in the first.
+    episodes = (
+        episode(0, 20, 20, 50, 80, 80),
+        episode(110, 110, 110, 50, 120, 120),
+        episode(20, 20, 20, 50, 80, 80),
+    )
+    rules = {"nearby": 1, "surroundings": 2, "surroundings_above": 0.85}
+    plain, careful = make_map(nearby=1), make_map(**rules)
+    for one in episodes:
+        found, judged = plain.add_episode(one), careful.add_episode(one)
+        if one is episodes[1]:
+            # 50 is taken for the one that is known; among 110s and 120s, whose likeness
+            # to 20, 50 and 80 is at most 0.7, it becomes a waypoint of its own.
+            assert found[3] == 2
+            assert judged[3] == judged[0] + 1
+    # Both ends of the third lie around the 50 of the first.
+    assert found[3] == judged[3] == 2
+    with pytest.raises(ValueError, match=r"surroundings_above must be in \[0, 1\)"):
+        make_map(surroundings_above=1.0)

@@ -22,10 +22,11 @@ def test_an_edge_costs_less_once_it_was_walked() -> None:
     graph = line(3, unwalked_cost=4.0)
     graph.see(2, [0], [0.8])
     assert graph.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
-    assert graph.edge_cost.tolist() == [1, 4, 1]
-    graph.walk(0, 2)
-    assert graph.edge_cost.tolist() == [1, 1, 1]
-    assert graph.traversals.tolist() == [1, 1, 1]
+    # Walked from 0 to 1 and from 1 to 2, and never back.
+    assert graph.edge_cost.tolist() == [[1, 4], [4, 4], [1, 4]]
+    graph.walk(2, 0)
+    assert graph.edge_cost.tolist() == [[1, 4], [4, 1], [1, 4]]
+    assert graph.traversals.tolist() == [[1, 0], [0, 1], [1, 0]]
     assert graph.edge_similarity[1].item() == pytest.approx(0.8)
 
 
@@ -36,8 +37,9 @@ def test_the_version_goes_up_when_something_changes_and_only_then() -> None:
     graph.walk(1, 1)
     graph.see(0, [], [])
     assert graph.version == version
-    assert graph.traversals.tolist() == [2]
-    for change in (graph.add_waypoint, lambda: graph.walk(0, 2)):
+    assert graph.traversals.tolist() == [[2, 0]]
+    back = lambda: graph.walk(1, 0)  # noqa: E731
+    for change in (back, graph.add_waypoint, lambda: graph.walk(0, 2)):
         change()
         assert graph.version == version + 1
         version = graph.version
@@ -98,7 +100,8 @@ def test_merging_adds_traversals_up_and_keeps_the_best_similarity() -> None:
     graph.merge(torch.tensor([0, 1, 2, 0]))
     assert graph.num_waypoints == 3
     assert graph.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
-    assert graph.traversals.tolist() == [1, 1, 1]
+    # What was walked from 2 to 3 now leads from the higher to the lower.
+    assert graph.traversals.tolist() == [[1, 0], [0, 1], [1, 0]]
     assert graph.edge_similarity[0].item() == pytest.approx(0.7)
     assert graph.edge_similarity[1:].isnan().all()
     # All in one: no edge is left.
@@ -109,4 +112,4 @@ def test_merging_adds_traversals_up_and_keeps_the_best_similarity() -> None:
 def test_edges_must_join_waypoints() -> None:
     graph = WaypointGraph()
     with pytest.raises(ValueError, match="must join waypoints 0 to 1, got 0 to 2"):
-        graph.restore(2, torch.tensor([[0, 2]]), torch.ones(1), torch.ones(1))
+        graph.restore(2, torch.tensor([[0, 2]]), torch.ones(1, 2), torch.ones(1))
