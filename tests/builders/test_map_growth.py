@@ -211,3 +211,13 @@ def test_decisions_of_all_earlier_runs_add_up(tmp_path) -> None:
     for name in ("unknown", "elsewhere"):
         given = explore_settings(f"pretrained={tmp_path}/{name}")
         assert math.isnan(pretraining_decisions(given))
+
+
+def test_the_first_decisions_can_be_left_out() -> None:
+    growth = make_growth(settings("map.after=128"))
+    batch = make_walk(settings())
+    assert growth.add(batch, decisions=128) == 0
+    assert growth.map.num_waypoints == 0
+    growth.add(batch, decisions=256)
+    growth.add(batch, decisions=384)
+    assert growth.map.num_waypoints > 0

@@ -99,7 +99,7 @@ def test_each_setting_reaches_the_navigator(explored, override, read, value):
 
 
 def test_networks_with_an_encoder_each_get_both_embeddings(tmp_path: Path) -> None:
-    make_run(tmp_path, "model.share_encoder=false", "locomotion.learn=false")
+    make_run(tmp_path, "model.share_encoder=false")
     explored = load_explored(navigate_settings(tmp_path))
     navigator = make_navigator(navigate_settings(None).navigator, explored)
     assert navigator.map.embeddings.shape == (32, 16)

@@ -104,14 +104,13 @@ def test_a_loss_that_is_no_number_is_told(tmp_path: Path) -> None:
         walks.learn(tmp_path)
 
 
-def test_networks_that_learn_online_need_it_not() -> None:
-    config = explore_settings("online.learn=true")
+@pytest.mark.parametrize("other", ["online.learn=true", "model.share_encoder=false"])
+def test_networks_that_learn_online_or_apart_do_without(other: str) -> None:
+    config = explore_settings(other)
     walks = make_walks(config, make_networks(config.model), check=nothing)
     assert isinstance(walks, NoWalks)
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
-    with pytest.raises(SettingsError, match=r"false with model\.share_encoder=false"):
-        explore_settings("model.share_encoder=false")
     with pytest.raises(SettingsError, match=r"locomotion\.k must be less than"):
         explore_settings("locomotion.k=64")

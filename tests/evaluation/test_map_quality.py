@@ -74,6 +74,11 @@ def test_a_path_by_way_of_a_far_place_stretches(metric) -> None:
     poses = at((0, 0, 0), (0, 5, 0), (2, 0, 0))
     straight = map_quality(metric, poses, torch.tensor([[0, 1]]), torch.ones(1))
     assert straight.stretch == pytest.approx(1.0)
+    # All ways lead over one edge of five cells.
+    for far, share in ((4.0, 1.0), (6.0, 0.0)):
+        one_edge = torch.tensor([[0, 1]])
+        judged = map_quality(metric, poses, one_edge, torch.ones(1), far_cells=far)
+        assert judged.false_ways == share
     edges, cost = torch.tensor([[0, 1], [0, 2], [1, 2]]), torch.tensor([9.0, 1.0, 1.0])
     detour = map_quality(metric, poses, edges, cost, seed=3)
     assert detour.mean_stretch > 1.05

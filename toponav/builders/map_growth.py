@@ -83,6 +83,8 @@ class MapGrowth:
         Returns:
             The number of new waypoints.
         """
+        if decisions <= self.config.map.after:
+            return 0
         envs = self.config.map.envs
         if envs is not None:
             batch = batch[batch.get(ENV_ID)[:, 0, 0] < envs]

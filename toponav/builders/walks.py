@@ -148,7 +148,12 @@ class NoWalks:
 def make_walks(
     config: ExploreConfig, networks: Networks, *, check: Check
 ) -> Walks | NoWalks:
-    """`Walks` if the settings want it; networks that learn online need it not."""
-    if not config.locomotion.learn or config.online.learn:
+    """`Walks` if the settings want it.
+
+    Networks that learn online need it not, and an L-network with an encoder of its own
+    cannot learn from the embeddings of the TC-network.
+    """
+    shares = networks.locomotion.encoder is networks.tc.encoder
+    if not config.locomotion.learn or config.online.learn or not shares:
         return NoWalks()
     return Walks(config, networks, check=check)

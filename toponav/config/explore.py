@@ -202,6 +202,7 @@ class MapConfig:
     """The topological map that grows while exploring."""
 
     grow: bool = MISSING
+    after: int = MISSING
     envs: int | None = MISSING
     tc_threshold: str = MISSING
     tc_reach: str = MISSING
@@ -231,6 +232,7 @@ class MapConfig:
         require_choice("map.extend_by", self.extend_by, ("itself", "previous"))
         for name in ("window", "search_window", "surroundings"):
             require_at_least(f"map.{name}", getattr(self, name), 0)
+        require_at_least("map.after", self.after, 0)
         require_between("map.surroundings_above", self.surroundings_above, 0, 0.999)
         for name in ("envs", "nearby", "shortlist"):
             if (value := getattr(self, name)) is not None:
@@ -312,15 +314,15 @@ class ExploreConfig:
             self.collect.decisions,
         )
         require(
-            not self.locomotion.learn or self.online.learn or self.model.share_encoder,
-            "locomotion.learn must be false with model.share_encoder=false",
-            self.locomotion.learn,
-        )
-        require(
             self.locomotion.k < self.maze.episode_length,
             "locomotion.k must be less than maze.episode_length = "
             f"{self.maze.episode_length} decisions",
             self.locomotion.k,
+        )
+        require(
+            not self.map.grow or self.map.after < self.collect.decisions,
+            f"map.after must be less than collect.decisions = {self.collect.decisions}",
+            self.map.after,
         )
         longest = max(self.pairs.k * self.pairs.m, self.pairs.locomotion_k)
         require(

@@ -26,6 +26,8 @@ class MapQuality:
         false_edges: share of the edges whose ends are far apart for a walker: false
             shortcuts.
         false_walked_edges: the same among the edges that cost 1.
+        false_ways: share of the planned paths between random waypoints that lead over a
+            false edge: shortcuts draw the cheapest paths to them.
         missing_edges: share of the pairs of waypoints that lie close and look the same
             way, but that no short path joins: the agent could go, the map cannot say.
         components: parts of the map that no path joins.
@@ -39,6 +41,7 @@ class MapQuality:
     coverage: float
     false_edges: float
     false_walked_edges: float
+    false_ways: float
     missing_edges: float
     components: int
     largest_component: float
@@ -61,8 +64,8 @@ def map_quality(
 ) -> MapQuality:
     """Judge a map by the poses of its waypoints.
 
-    Missing edges and stretch are counted from ``samples`` waypoints drawn at random, or
-    from all if there are fewer.
+    Missing edges, false ways and stretch are counted from ``samples`` waypoints drawn
+    at random, or from all if there are fewer.
 
     Args:
         metric: of the maze.
@@ -102,17 +105,20 @@ def map_quality(
         )
     graph = _make_graph(len(poses), edges, edge_cost)
     parts = [len(part) for part in rustworkx.connected_components(graph)]
-    far = edge_lengths(metric, poses, edges) > far_cells * metric.cell_size
+    false_length = far_cells * metric.cell_size
+    far = edge_lengths(metric, poses, edges) > false_length
     generator = torch.Generator().manual_seed(seed)
     drawn = torch.randperm(len(poses), generator=generator)[:samples].tolist()
     near = (near_cells * metric.cell_size, near_degrees)
-    stretches = _stretches(metric, poses, graph, drawn, generator)
+    ways = _planned_ways(metric, poses, graph, drawn, false_length, generator)
+    stretches, leads_wrong = ways.unbind(1)
     return MapQuality(
         waypoints=len(poses),
         edges=len(edges),
         coverage=float(covered_cells(metric, poses).float().mean()),
         false_edges=float(far.float().mean()),
         false_walked_edges=float(far[edge_cost <= 1].float().mean()),
+        false_ways=float(leads_wrong.mean()),
         missing_edges=_missing(metric, poses, graph, drawn, near, hops),
         components=len(parts),
         largest_component=max(parts, default=0) / max(len(poses), 1),
@@ -188,17 +194,22 @@ def _within(graph: rustworkx.PyGraph, start: int, hops: int) -> set[int]:
     return found
 
 
-def _stretches(
+def _planned_ways(
     metric: MazeMetric,
     poses: Tensor,
     graph: rustworkx.PyGraph,
     drawn: Sequence[int],
+    false_length: float,
     generator: torch.Generator,
 ) -> Tensor:
-    """Length on foot of paths between random waypoints over the shortest way."""
-    found: list[float] = []
+    """Planned paths between random waypoints, ``[N, 2]``.
+
+    Their length on foot over that of the shortest way, and 1 for those with a step
+    that is longer than ``false_length``, else 0.
+    """
+    found: list[tuple[float, float]] = []
     if len(poses) < 2:
-        return torch.tensor(found)
+        return torch.tensor(found).reshape(-1, 2)
     for one in drawn:
         further = int(torch.randint(1, len(poses), (), generator=generator))
         goal = (one + further) % len(poses)
@@ -211,6 +222,7 @@ def _stretches(
             continue
         way = torch.tensor(list(paths[goal]))
         steps = torch.stack([way[:-1], way[1:]], 1)
-        length = float(edge_lengths(metric, poses, steps).sum())
-        found.append(length / shortest)
-    return torch.tensor(found)
+        lengths = edge_lengths(metric, poses, steps)
+        is_false = bool((lengths > false_length).any())
+        found.append((float(lengths.sum()) / shortest, float(is_false)))
+    return torch.tensor(found).reshape(-1, 2)

@@ -1,0 +1,114 @@
+"""Slots that close and open in mid-episode: does the agent go on reaching goals?
+
+    python benchmarks/changing_slots.py --run runs/explore/maze1-... --out slots.json
+
+Navigator, oracle and random agent play the same episodes of maze1. After each fifth of
+an episode a slot changes: ``a`` closes, ``a`` opens, ``b`` closes, ``b`` opens. Goals
+per 1000 decisions in each fifth tell whether the agent recovers: with a corridor
+closed, ways are longer and have to be found, so that the oracle's figure falls too.
+"""
+
+import argparse
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase
+from tqdm import trange
+
+from toponav.builders import (
+    load_explored,
+    make_goal_places,
+    make_navigator,
+    make_policies,
+)
+from toponav.builders.navigation_goals import make_navigation_env
+from toponav.config import NavigateConfig, register
+from toponav.evaluation import bootstrap
+from toponav.keys import REWARD
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
+#: What happens at the beginning of each fifth of an episode.
+CHANGES = (None, ("a", True), ("a", False), ("b", True), ("b", False))
+NAMES = ("all open", "a closed", "a open again", "b closed", "b open again")
+_GOAL = 10.0
+
+
+def make_settings(run: str, length: int) -> NavigateConfig:
+    """Those of the recipe, for episodes of so many decisions."""
+    register()
+    words = ["maze=maze1", f"run={run}", f"maze.episode_length={length}"]
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        settings = OmegaConf.to_object(compose("navigate", overrides=words))
+    assert isinstance(settings, NavigateConfig)
+    return settings
+
+
+@torch.no_grad()
+def play(
+    env: EnvBase, policy: TensorDictModuleBase, length: int, *, name: str
+) -> torch.Tensor:
+    """Goals reached in each fifth of each episode, ``[E, 5]``."""
+    now, part = env.reset(), length // len(CHANGES)
+    goals = torch.zeros(*env.batch_size, len(CHANGES))
+    for decision in trange(part * len(CHANGES), desc=name, unit="step"):
+        fifth, into = divmod(decision, part)
+        if into == 0 and (change := CHANGES[fifth]) is not None:
+            letter, closed = change
+            env.base_env.set_slot(letter, closed=closed)
+        step, now = env.step_and_maybe_reset(policy(now))
+        goals[:, fifth] += step["next", REWARD].reshape(-1) >= _GOAL
+    return goals
+
+
+def main() -> None:
+    """Play, and say how many goals were reached when."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--run", required=True)
+    parser.add_argument("--episodes", type=int, default=30)
+    parser.add_argument("--decisions", type=int, default=5000)
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+
+    # One decision more than is played: no episode ends in between.
+    settings = make_settings(arguments.run, arguments.decisions + 1)
+    explored = load_explored(settings)
+    places = make_goal_places(settings, explored)
+    navigator = make_navigator(settings.navigator, explored, seed=settings.seed)
+    policies = make_policies(settings, explored, navigator)
+    part = arguments.decisions // len(CHANGES)
+    told: dict[str, Any] = {
+        "run": Path(arguments.run).name,
+        "episodes": arguments.episodes,
+        "decisions": arguments.decisions,
+    }
+    env = make_navigation_env(
+        settings.maze, places, envs=arguments.episodes, seed=settings.seed
+    )
+    try:
+        for name, policy in policies.items():
+            env.set_seed(settings.seed)
+            rate = 1000 / part * play(env, policy, arguments.decisions, name=name)
+            told[name] = {}
+            for period, column in zip(NAMES, rate.T, strict=True):
+                found = bootstrap(column.tolist())
+                told[name][period] = [found.value, found.low, found.high]
+    finally:
+        env.close()
+    told["load"] = os.getloadavg()[0]
+    words = json.dumps(told, indent=2)
+    print(words)
+    if arguments.out:
+        arguments.out.write_text(words + "\n")
+
+
+if __name__ == "__main__":
+    main()
