@@ -14,6 +14,7 @@ from toponav.builders import (
 )
 from toponav.builders.learner import falling
 from toponav.builders.map_growth import NoMap
+from toponav.builders.walks import NoWalks
 from toponav.config import SettingsError, TrainingError
 from toponav.objectives import A3CLoss, SharedRMSProp
 
@@ -46,9 +47,9 @@ def test_a_learner_that_was_saved_goes_on_exactly(
     whole, other = make_learner(*overrides), make_learner(*overrides, seed=1)
     whole.learn(make_batch(config, seed=0), 0.1)
     state = ExplorationState(decisions=128, history=[{"decisions": 128}])
-    save_exploration(tmp_path, state, whole, None, NoMap())
+    save_exploration(tmp_path, state, whole, None, NoMap(), NoWalks())
     torch.manual_seed(99)
-    found = start_exploration(tmp_path, other, None, NoMap(), resume=True)
+    found = start_exploration(tmp_path, other, None, NoMap(), NoWalks(), resume=True)
     assert found == state
     for seed in (1, 2):
         batch = make_batch(config, seed=seed)
@@ -141,10 +142,15 @@ def test_a_run_ends_by_decisions_or_by_the_clock() -> None:
 
 
 def test_a_checkpoint_of_another_policy_is_refused(tmp_path: Path) -> None:
-    save_exploration(tmp_path, ExplorationState(), make_learner(), None, NoMap())
+    save_exploration(
+        tmp_path, ExplorationState(), make_learner(), None, NoMap(), NoWalks()
+    )
     other = make_learner("policy.hidden=8")
     with pytest.raises(SettingsError, match="checkpoint fits its settings, got"):
-        start_exploration(tmp_path, other, None, NoMap(), resume=True)
+        start_exploration(tmp_path, other, None, NoMap(), NoWalks(), resume=True)
     assert (
-        start_exploration(tmp_path, other, None, NoMap(), resume=False).decisions == 0
+        start_exploration(
+            tmp_path, other, None, NoMap(), NoWalks(), resume=False
+        ).decisions
+        == 0
     )
