@@ -64,11 +64,14 @@ class Walks:
             batch_size=self.config.pairs,
         )
         self.buffer.set_rng(self.generator)
+        # The collectors of a resumed run number their episodes from 0 again.
+        self._first_episode = 0
 
     def add(self, batch: TensorDictBase) -> None:
         """Keep the decisions of a batch ``[E, T]``; the oldest ones give way."""
         frames = batch.select(*_KEPT).flatten()
         frames[EMBEDDING] = frames[EMBEDDING].half()
+        frames[TRAJECTORY] = frames[TRAJECTORY] + self._first_episode
         self.buffer.extend(frames)
 
     def learn(self, folder: Path) -> None:
@@ -127,6 +130,9 @@ class Walks:
         """Go on where `state_dict` was taken."""
         self.buffer.load_state_dict(state["buffer"])
         self.generator.set_state(state["generator"])
+        if len(self.buffer):
+            kept = self.buffer.storage[:][TRAJECTORY]
+            self._first_episode = int(kept.max()) + 1
 
 
 class NoWalks:
