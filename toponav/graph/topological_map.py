@@ -108,7 +108,7 @@ class TopologicalMap:
         >>> grown.add_episode(episode)
         tensor([0, 1, 1, 0])
         >>> grown.num_waypoints, grown.edges, grown.edge_cost
-        (2, tensor([[0, 1]]), tensor([1.]))
+        (2, tensor([[0, 1]]), tensor([[1., 1.]]))
 
     Shape notation:
         W: waypoints.  E: edges, or environments.  N: any number.  T: time.
