@@ -74,7 +74,7 @@ class AreaDownsample(Transform):
             return total / factor**2
         total = total.add_(factor**2 // 2)
         if factor == 2:
-            mean = total >> 2  # a fifth of the division's time
+            mean = total >> 2  # faster than the division
         else:
             mean = torch.div(total, factor**2, rounding_mode="floor")
         return mean.to(torch.uint8)
