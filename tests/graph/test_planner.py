@@ -78,12 +78,25 @@ def test_edges_are_found_by_their_ends():
     assert planner.edge_numbers(start, end).tolist() == [[2, 1], [0, -1]]
 
 
-def test_edges_of_a_region():
-    planner = Planner(4, torch.tensor([[0, 1], [1, 2], [0, 2], [2, 3]]), torch.ones(4))
-    assert planner.edges_among(torch.tensor([0, 1, 2])).tolist() == [0, 1, 2]
-    # From 1 and 2 towards 3, by costs 2, 2, 1, 0: 1-2 and 2-3; not back to 0.
-    costs = planner.plan([3]).costs
-    assert planner.edges_onward(torch.tensor([1, 2]), costs).tolist() == [1, 3]
+def test_edges_across_a_level_near_a_waypoint():
+    # Two ways to 5, which are joined at the start: 0-1-2-5 and 0-3-4-5.
+    edges = torch.tensor([[0, 1], [1, 2], [2, 5], [0, 3], [3, 4], [4, 5], [0, 2]])
+    planner = Planner(6, edges, torch.tensor([1.0] * 6 + [3.0]))
+    costs = planner.plan([5]).costs
+    assert costs.tolist() == [3.0, 2.0, 1.0, 2.0, 1.0, 0.0]
+
+    def across(node, level, **arguments):
+        return planner.edges_across(node, costs, level, **arguments).tolist()
+
+    # From 1, which is 2 away: 1-2 alone; with 0, the leap 0-2; with 3, 3-4 too.
+    assert across(1, 2.0, hops=0) == [1]
+    assert across(1, 2.0, hops=1) == [1, 6]
+    assert across(1, 2.0, hops=2) == [1, 4, 6]
+    # An edge that is closed is neither walked nor closed again.
+    closed = torch.tensor([True] + [False] * 6)
+    assert across(1, 2.0, hops=2, closed=closed) == [1]
+    # Nothing is looked at from beyond the level but its own edges back.
+    assert across(0, 3.0, hops=3) == [0, 3, 6]
 
 
 @pytest.mark.parametrize(

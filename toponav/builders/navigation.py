@@ -185,8 +185,6 @@ def make_navigator(
         temperature=config.temperature,
         avoid_futile=config.avoid_futile,
         block_after=config.block_after,
-        block_tries=config.block_tries,
-        cut_alike=config.cut_alike,
         keep_cuts=config.keep_cuts,
         fade_after=config.fade_after,
         goal_patience=config.goal_patience,

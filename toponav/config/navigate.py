@@ -27,8 +27,6 @@ class NavigatorConfig:
     temperature: float = MISSING
     avoid_futile: bool = MISSING
     block_after: int | None = MISSING
-    block_tries: int | None = MISSING
-    cut_alike: bool = MISSING
     keep_cuts: bool = MISSING
     fade_after: int | None = MISSING
     goal_patience: int | None = MISSING
@@ -41,9 +39,13 @@ class NavigatorConfig:
             require_at_least("navigator.shortlist", self.shortlist, 1)
         for name in ("hops", "window", "lookahead", "lost_for"):
             require_at_least(f"navigator.{name}", getattr(self, name), 1)
-        for name in ("block_after", "block_tries", "fade_after", "goal_patience"):
+        for name, least in (
+            ("block_after", 2),
+            ("fade_after", 1),
+            ("goal_patience", 1),
+        ):
             if (value := getattr(self, name)) is not None:
-                require_at_least(f"navigator.{name}", value, 1)
+                require_at_least(f"navigator.{name}", value, least)
         require_at_least("navigator.temperature", self.temperature, 0)
         require_at_least("navigator.unwalked_cost", self.unwalked_cost, 1)
 

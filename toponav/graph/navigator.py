@@ -7,11 +7,11 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
-from toponav.graph.attempts import Attempts
 from toponav.graph.blockages import Blockages
 from toponav.graph.goal_nodes import GoalNodes
 from toponav.graph.localiser import Localiser, Map
 from toponav.graph.planner import Planner
+from toponav.graph.progress import Progress
 from toponav.graph.sampler import ActionSampler
 from toponav.graph.waypoints import Compare, Embed
 from toponav.graph.ways import Ways
@@ -61,9 +61,10 @@ class Navigator(TensorDictModuleBase):
        reachable, by a similarity above ``tc_reach`` and not over a closed edge, else
        at the next one; at the goal's own waypoint, at the goal view;
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
-    5. *give up*: if the first edge of the path is stuck (`Attempts`), it and all edges
-       among the waypoints up to the target are closed (`Blockages`), and the agent
-       plans anew at once. If no way is left, the oldest cut opens again.
+    5. *give up*: an agent that comes no nearer to the goal (`Progress`) closes the edge
+       that would lead on from where it got, and those beside it, which lead to waypoints
+       as near to the goal from others nearby (`Blockages`); it plans anew at once. If
+       no way is left, the oldest cut opens again.
 
     When the task pays ``goal_reward``, the agent has been put elsewhere: it forgets its
     place and looks at the whole map; what it learned about closed edges and about wrong
@@ -94,11 +95,7 @@ class Navigator(TensorDictModuleBase):
         temperature: of the softmax over the logits; 0 takes the most probable action.
         avoid_futile: whether an action that left the view exactly as it was is not
             drawn again until the view changes, such as walking against a wall.
-        block_after: patience of `Attempts`, ``None`` never closes an edge.
-        block_tries: tries of `Attempts`.
-        cut_alike: whether a cut also closes all edges that lead nearer to the goal from
-            waypoints like the present view: those beside the path cross the same
-            blockage, and each would have to be tried.
+        block_after: patience of `Progress`, ``None`` never closes an edge.
         keep_cuts: whether cuts stay closed from episode to episode.
         fade_after: decisions after which a cut opens again, ``None`` for never.
         goal_patience: see `GoalNodes`.
@@ -170,8 +167,6 @@ class Navigator(TensorDictModuleBase):
         temperature: float = 1.0,
         avoid_futile: bool = False,
         block_after: int | None = 40,
-        block_tries: int | None = None,
-        cut_alike: bool = False,
         keep_cuts: bool = False,
         fade_after: int | None = None,
         goal_patience: int | None = 20,
@@ -206,12 +201,11 @@ class Navigator(TensorDictModuleBase):
             stay_above=stay_above,
         )
         self.goals = GoalNodes(patience=goal_patience)
-        self.attempts = Attempts(patience=block_after, tries=block_tries)
+        self.progress = Progress(patience=block_after)
         self.sampler = ActionSampler(
             temperature=temperature, avoid_futile=avoid_futile, seed=seed
         )
         self.lookahead = lookahead
-        self.cut_alike = cut_alike
         self.keep_cuts = keep_cuts
         self.fade_after = fade_after
         self.lost_for = lost_for
@@ -227,7 +221,7 @@ class Navigator(TensorDictModuleBase):
         self.ways = Ways(planner, self.goals, self.blockages)
         self.localiser.resize(num_agents)
         self.goals.resize(num_agents, num_goal_views, length)
-        self.attempts.resize(num_agents)
+        self.progress.resize(num_agents)
         self.sampler.resize(num_agents)
         # Decisions that an agent goes on acting at random.
         self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
@@ -248,8 +242,9 @@ class Navigator(TensorDictModuleBase):
         place = self._locate(embedding)
         changed = begins | self.blockages.pass_decision() | self.goals.wait(place)
         self.ways.plan(changed.nonzero().flatten().tolist())
+        self.progress.restart(changed)
         place, target = self._aim(place, embedding)
-        cut = self._give_up(place, target, embedding)
+        cut = self._give_up(place)
         if (cut >= 0).any():
             place, target = self._aim(place, embedding)
         action = self._act(place, target, embedding)
@@ -271,7 +266,7 @@ class Navigator(TensorDictModuleBase):
     def _restart(self, agents: Tensor) -> None:
         """These agents have been put elsewhere."""
         self.localiser.forget(agents)
-        self.attempts.restart(agents)
+        self.progress.restart(agents)
         self.goals.restart(agents)
         self.sampler.forget(agents)
         self._lost_left[agents] = 0
@@ -302,19 +297,27 @@ class Navigator(TensorDictModuleBase):
         target = path.gather(1, farthest.unsqueeze(1)).squeeze(1)
         return place, target.masked_fill(place < 0, -1)
 
-    def _give_up(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
-        """Close the edges that are stuck; the ends of each cut, ``[N, 2]``, or -1."""
-        path = self.ways.ahead(place, self.lookahead)
-        stuck = self.attempts.count(place, path[:, 0], self.ways.cost(place))
-        ends = torch.stack([place, target], 1).masked_fill(~stuck.unsqueeze(1), -1)
+    def _give_up(self, place: Tensor) -> Tensor:
+        """Close what does not lead on; the ends of each cut, int64 ``[N, 2]``, or -1.
+
+        They are the waypoint where the agent did not get on, and the last one of the
+        path from there that it looks at.
+        """
+        ends = torch.full((len(place), 2), -1)
+        stuck = self.progress.watch(place, self.ways.cost(place))
         for agent in stuck.nonzero().flatten().tolist():
-            reached = int((path[agent] == target[agent]).nonzero()[0]) + 1
-            tried = torch.cat([place[agent : agent + 1], path[agent, :reached]])
-            here = int(place[agent])
-            alike = self.localiser.alike(embedding[agent], here)
-            self.ways.close(agent, tried, alike if self.cut_alike else alike[:0])
-            self.attempts.replan(agent, float(self.ways.cost(place)[agent]))
+            node, level = self.progress.frontier(agent)
+            ends[agent, 0] = node
+            ends[agent, 1] = self._path_from(agent, node)[-1]
+            self.ways.close(agent, node, level, hops=self.localiser.hops)
+        self.progress.restart(stuck)
         return ends
+
+    def _path_from(self, agent: int, node: int) -> Tensor:
+        """The next waypoints on the way of one agent, if it were at ``node``."""
+        places = torch.zeros(len(self.ways.blockages.closed), dtype=torch.int64)
+        places[agent] = node
+        return self.ways.ahead(places, self.lookahead)[agent]
 
     def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
         """Draw the actions, int64 ``[N]`` on the CPU."""

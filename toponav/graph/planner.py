@@ -139,23 +139,38 @@ class Planner:
         at = torch.searchsorted(self._keys, keys).clamp(max=len(self._keys) - 1)
         return torch.where(self._keys[at] == keys, self._order[at], -1)
 
-    def edges_among(self, nodes: Tensor) -> Tensor:
-        """Numbers of the edges whose two ends are both in ``nodes``, int64 ``[K]``."""
-        inside = torch.zeros(self.num_nodes, dtype=torch.bool)
-        inside[nodes] = True
-        return inside[self.edges].all(1).nonzero().squeeze(1)
+    def edges_across(
+        self,
+        node: int,
+        costs: Tensor,
+        level: float,
+        *,
+        hops: int,
+        closed: Tensor | None = None,
+    ) -> Tensor:
+        """Numbers of the edges that lead across a level of cost, near a waypoint.
 
-    def edges_onward(self, nodes: Tensor, costs: Tensor) -> Tensor:
-        """Numbers of the edges that lead from one of ``nodes`` nearer to the goal.
+        They join waypoints that are at least ``level`` away from the goal with nearer
+        ones. *Near* are those that can be walked to from ``node`` without coming nearer
+        to the goal than ``level``.
 
         Args:
-            nodes: int64 ``[K]``.
+            node: a waypoint.
             costs: ``[W]``, of a `Plan`.
+            level: cost of the way that is left.
+            hops: how many edges from ``node`` to look.
+            closed: bool ``[E]``, edges that are none.
         """
-        inside = torch.zeros(self.num_nodes, dtype=torch.bool)
-        inside[nodes] = True
-        first, second = self.edges.unbind(1)
-        there = costs[second] < costs[first]
-        back = costs[first] < costs[second]
-        leads = (inside[first] & there) | (inside[second] & back)
-        return leads.nonzero().squeeze(1)
+        is_open = torch.ones(len(self.edges), dtype=torch.bool)
+        if closed is not None:
+            is_open = ~closed.cpu()
+        one, other = self.edges.unbind(1)
+        beyond = costs < level
+        near = torch.zeros(self.num_nodes, dtype=torch.bool)
+        near[node] = True
+        for _ in range(hops):
+            step = torch.cat([other[near[one] & is_open], one[near[other] & is_open]])
+            near[step] = True
+            near &= ~beyond
+        across = (near[one] & beyond[other]) | (near[other] & beyond[one])
+        return (across & is_open).nonzero().squeeze(1)

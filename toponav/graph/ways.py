@@ -7,7 +7,7 @@ from torch import Tensor
 
 from toponav.graph.blockages import Blockages
 from toponav.graph.goal_nodes import GoalNodes
-from toponav.graph.planner import Planner
+from toponav.graph.planner import Plan, Planner
 
 
 class Ways:
@@ -48,8 +48,7 @@ class Ways:
     def plan(self, agents: Sequence[int]) -> None:
         """Make the plans of some agents anew."""
         for agent in agents:
-            goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
-            plan = self.planner.plan(goals, self.blockages.closed[agent])
+            plan = self._search(agent, self.blockages.closed[agent])
             self._costs[agent] = plan.costs
             self._onward[agent] = end = plan.onward
             # Each round doubles the steps taken along all ways at once.
@@ -119,18 +118,31 @@ class Ways:
                     break
                 self.plan([agent])
 
-    def close(self, agent: int, path: Tensor, beside: Tensor) -> None:
-        """Close what leads along a path, and what leads on beside it; plan anew.
+    def close(self, agent: int, place: int, level: float, *, hops: int) -> None:
+        """Close what leads nearer to the goal than a level, near a place; plan anew.
+
+        If no way would be left from there, less is closed: what lies half as far away,
+        and so on, at last the edges of the place alone.
 
         Args:
             agent: its number.
-            path: int64 ``[K]``; all edges among these waypoints close, those that skip
-                some of the path too.
-            beside: int64 ``[J]``; of these waypoints, all edges that lead nearer to
-                the goal.
+            place: the waypoint where it did not get on.
+            level: the cost of the way that was left there.
+            hops: how many edges from there to look.
         """
-        planner = self.planner
-        edges = planner.edges_among(path)
-        onward = planner.edges_onward(beside, self._costs[agent])
-        self.blockages.cut(agent, torch.cat([edges, onward]).unique())
+        closed, costs = self.blockages.closed[agent], self._costs[agent].clone()
+        while True:
+            edges = self.planner.edges_across(
+                place, costs, level, hops=hops, closed=closed
+            )
+            then = closed.index_fill(0, edges, True)
+            if not hops or self._search(agent, then).costs[place].isfinite():
+                break
+            hops //= 2
+        self.blockages.cut(agent, edges)
         self.plan([agent])
+
+    def _search(self, agent: int, closed: Tensor) -> Plan:
+        """The ways to an agent's goals if these edges were closed, bool ``[E]``."""
+        goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
+        return self.planner.plan(goals, closed)

@@ -1,0 +1,126 @@
+"""What merging waypoints costs: the size of a map, its truth, and walks over it.
+
+    python benchmarks/sparse_maps.py --run runs/explore/maze1-... --out sparse.json
+
+The map of a run is made sparser with each tolerance (``map.sparsify``), from the map
+as it was left each time. Beside its size and its quality stand the goals that the
+navigator reaches over it per 1,000 decisions, with 95 % bootstrap intervals; all meet
+the same episodes and the same pictures of goals. A tolerance below 0 leaves the map as
+it is.
+"""
+
+import argparse
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase
+from tqdm import trange
+
+from toponav.builders import (
+    Explored,
+    load_explored,
+    make_goal_places,
+    make_navigator,
+)
+from toponav.builders.navigation_goals import make_navigation_env
+from toponav.config import NavigateConfig, register
+from toponav.evaluation import MazeMetric, WaypointPoses, bootstrap, map_quality
+from toponav.graph import sparsify
+from toponav.keys import REWARD
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
+_GOAL = 10.0
+
+
+def make_settings(run: str, maze: str, length: int) -> NavigateConfig:
+    """Those of the recipe, for episodes of so many decisions."""
+    register()
+    words = [f"maze={maze}", f"run={run}", f"maze.episode_length={length}"]
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        settings = OmegaConf.to_object(compose("navigate", overrides=words))
+    assert isinstance(settings, NavigateConfig)
+    return settings
+
+
+def make_sparse(explored: Explored, tolerance: float) -> dict[str, Any]:
+    """Merge waypoints in place; size and quality of what is left."""
+    if tolerance >= 0:
+        poses = WaypointPoses(explored.poses)
+        poses.merge(sparsify(explored.map, tolerance=tolerance))
+        explored.poses = poses.values
+    metric = MazeMetric(torch.as_tensor(explored.layout.open_mask))
+    grown = explored.map
+    cost = grown.edge_cost.amin(1)
+    quality = map_quality(metric, explored.poses, grown.edges, cost, far_cells=3.0)
+    return {"tolerance": tolerance, **vars(quality)}
+
+
+@torch.no_grad()
+def play(
+    env: EnvBase, policy: TensorDictModuleBase, length: int, *, name: str
+) -> torch.Tensor:
+    """Goals reached in each episode, ``[E]``."""
+    now, goals = env.reset(), torch.zeros(env.batch_size)
+    for _ in trange(length, desc=name, unit="step"):
+        step, now = env.step_and_maybe_reset(policy(now))
+        goals += step["next", REWARD].reshape(-1) >= _GOAL
+    return goals
+
+
+def main() -> None:
+    """Make the map sparser, walk over it, and print what came of it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--run", required=True)
+    parser.add_argument("--maze", default="maze1")
+    parser.add_argument(
+        "--tolerances", type=float, nargs="+", default=[-1, 0.02, 0.05, 0.1, 0.2]
+    )
+    parser.add_argument("--episodes", type=int, default=30)
+    parser.add_argument("--decisions", type=int, default=1500)
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+
+    # One decision more than is played: no episode ends in between.
+    settings = make_settings(arguments.run, arguments.maze, arguments.decisions + 1)
+    places = make_goal_places(settings, load_explored(settings))
+    env = make_navigation_env(
+        settings.maze, places, envs=arguments.episodes, seed=settings.seed
+    )
+    rows = []
+    try:
+        for tolerance in arguments.tolerances:
+            explored = load_explored(settings)
+            row = make_sparse(explored, tolerance)
+            navigator = make_navigator(settings.navigator, explored, seed=settings.seed)
+            env.set_seed(settings.seed)
+            goals = play(env, navigator, arguments.decisions, name=f"{tolerance:g}")
+            rate = bootstrap((goals * 1000 / arguments.decisions).tolist())
+            row["goals_per_1000"] = [rate.value, rate.low, rate.high]
+            rows.append(row)
+            print(json.dumps(row), flush=True)
+    finally:
+        env.close()
+    told = {
+        "run": Path(arguments.run).name,
+        "episodes": arguments.episodes,
+        "decisions": arguments.decisions,
+        "maps": rows,
+        "load": os.getloadavg()[0],
+    }
+    words = json.dumps(told, indent=2)
+    print(words)
+    if arguments.out:
+        arguments.out.write_text(words + "\n")
+
+
+if __name__ == "__main__":
+    main()
