@@ -85,8 +85,7 @@ def test_the_navigator_plans_on_it(explored: Explored) -> None:
         ("navigator.lookahead=2", lambda n: n.lookahead, 2),
         ("navigator.temperature=0.7", lambda n: n.sampler.temperature, 0.7),
         ("navigator.avoid_futile=false", lambda n: n.sampler.avoid_futile, False),
-        ("navigator.block_after=null", lambda n: n.attempts.patience, None),
-        ("navigator.cut_alike=true", lambda n: n.cut_alike, True),
+        ("navigator.block_after=null", lambda n: n.progress.patience, None),
         ("navigator.keep_cuts=true", lambda n: n.keep_cuts, True),
         ("navigator.fade_after=99", lambda n: n.fade_after, 99),
         ("navigator.goal_patience=7", lambda n: n.goals.patience, 7),
@@ -223,7 +222,7 @@ def test_a_broken_map_is_one_sentence(tmp_path):
             "navigator.temperature must be at least 0, got -1",
         ),
         ("navigator.hops=0", "navigator.hops must be at least 1, got 0"),
-        ("navigator.block_after=0", "navigator.block_after must be at least 1, got 0"),
+        ("navigator.block_after=0", "navigator.block_after must be at least 2, got 0"),
         (
             "navigator.tc_reach=2",
             r"navigator.tc_reach must lie in \[0, 0.9999\], got 2",

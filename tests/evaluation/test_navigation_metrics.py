@@ -113,16 +113,32 @@ def test_success_grows_with_time_up_to_all_that_ever_succeeded(first):
 
 
 def test_cuts_are_judged_by_the_truth():
-    # Waypoints: before and behind the slot, one far away from both, and a neighbour.
-    waypoints = WAYS.centres([(0, 1), (0, 3), (2, 2), (0, 0)])
-    cuts = {"cut_from": [0, 0, 0, -1], "cut_to": [1, 2, 3, -1]}
-    shut = trace_of([(0, 1)] * 4, closed=True, **cuts)
+    # Waypoints: before and behind the slot, one far away from both, its neighbour, and
+    # one beside the first.
+    waypoints = WAYS.centres([(0, 1), (0, 3), (2, 2), (2, 1), (0, 0)])
+    cuts = {"cut_from": [0, 2, 2, 0, -1], "cut_to": [1, 0, 3, 4, -1]}
+    shut = trace_of([(0, 1)] * 5, closed=True, **cuts)
     verdicts = [cut.verdict for cut in judge_cuts(shut, WAYS, waypoints)]
-    assert verdicts == ["blockage", "false_edge", "false_block"]
+    # The last edge leads back from the slot, but from where the goal is cut off.
+    assert verdicts == ["blockage", "false_edge", "false_block", "blockage"]
     # With the slot open there is no blockage: two cells apart is no false edge.
-    free = trace_of([(0, 1)] * 4, closed=False, **cuts)
+    free = trace_of([(0, 1)] * 5, closed=False, **cuts)
     verdicts = [cut.verdict for cut in judge_cuts(free, WAYS, waypoints)]
-    assert verdicts == ["false_block", "false_edge", "false_block"]
+    assert verdicts == ["false_block", "false_edge", "false_block", "false_block"]
+
+
+def test_a_cut_far_from_the_slot_is_no_blockage():
+    # A longer ring: from (0, 1) and (0, 3), the goal at (0, 8) lies behind the slot at
+    # (0, 5), four and two cells away; the edges lead one cell on.
+    ring = torch.ones(3, 9, dtype=torch.bool)
+    ring[1, 1:-1] = False
+    ways = TrueWays(ring, slot_cells=[(0, 5)])
+    waypoints = ways.centres([(0, 1), (0, 2), (0, 3), (0, 4)])
+    trace = trace_of(
+        [(0, 1)] * 2, goal=(0, 8), closed=True, cut_from=[0, 2], cut_to=[1, 3]
+    )
+    verdicts = [cut.verdict for cut in judge_cuts(trace, ways, waypoints)]
+    assert verdicts == ["false_block", "blockage"]
 
 
 def test_an_edge_into_the_closed_slot_is_a_blockage():

@@ -121,8 +121,7 @@ def test_a_blockage_is_closed_after_so_many_decisions_and_walked_around(grid):
     # What is left of the way: 4, 3, 3, 3, 3. The last two are not below the first two.
     assert cut == [4]
     assert data[CUT_FROM][4].item() == grid.number((1, 2))
-    # The last waypoint of the path that it looks at, here the goal.
-    assert data[CUT_TO][4].item() == grid.number(GOAL)
+    assert data[CUT_TO][4].item() == grid.number(UPPER)
     assert goals(data) == 1
     assert data[NUM_CUTS].flatten().tolist() == [0] * 4 + [1] * (len(data) - 4)
     # From (1, 2) back to the corner and around: 1 + 10, and it planned that at once.

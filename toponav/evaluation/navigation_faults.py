@@ -25,8 +25,9 @@ Verdict = Literal["blockage", "false_edge", "false_block"]
 #: What a decision suffered from, in the order in which it is looked for.
 FAULTS = ("lost", "wrong_place", "wrong_goal", "false_edge", "homing", "controller")
 
-# Cells: how far a place may be off, an edge may lead, and one stands before a slot.
-_OFF, _FAR, _BEFORE = 2.0, 3.0, 1.5
+# Cells: how far a place may be off, an edge may lead, one stands before a slot, and a
+# cut that closes it may lie before it.
+_OFF, _FAR, _BEFORE, _NEAR = 2.0, 3.0, 1.5, 3.0
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,11 @@ class Cut:
     Args:
         episode: its number.
         decision: when.
-        verdict: ``"blockage"`` if a closed slot makes the way between the ends at least
-            a cell longer; ``"false_edge"`` if the ends are more than three cells apart
-            even so, and the edge should never have been; else ``"false_block"``.
+        verdict: ``"blockage"`` if a closed slot makes the way between the ends of the
+            edge that failed at least a cell longer, or the way from it to the goal, and
+            the slot lies at most three cells away; ``"false_edge"`` if the ends are
+            more than three cells apart even so, and the edge should never have been;
+            else ``"false_block"``.
     """
 
     episode: int
@@ -57,16 +60,28 @@ def judge_cuts(trace: NavigationTrace, ways: TrueWays, waypoints: Floats) -> lis
     found = []
     for episode, decision in np.argwhere(trace.cut_from >= 0).tolist():
         at = (episode, decision)
-        ends = waypoints[trace.cut_from[at]], waypoints[trace.cut_to[at]]
-        as_open = float(ways.distance(*ends)) / ways.cell_size
-        as_is = _distance_beside(ways, *ends, trace.blocked[at]) / ways.cell_size
+        start, end = waypoints[trace.cut_from[at]], waypoints[trace.cut_to[at]]
+        goal, closed = ways.centres(trace.goal_cells[at]), trace.blocked[at]
+        slots = ways.centres(np.reshape(ways.slot_cells, (-1, 2))[closed])
+        away = np.linalg.norm(slots - start, axis=1) / ways.cell_size
+        is_near = bool((away <= _NEAR).any())
         verdict: Verdict = "false_block"
-        if as_is >= as_open + 1:
+        if _is_cut_off(ways, start, end, closed) or (
+            is_near and _is_cut_off(ways, start, goal, closed)
+        ):
             verdict = "blockage"
-        elif as_open > _FAR:
+        elif float(ways.distance(start, end)) > _FAR * ways.cell_size:
             verdict = "false_edge"
         found.append(Cut(episode, decision, verdict))
     return found
+
+
+def _is_cut_off(
+    ways: TrueWays, start: Floats, end: Floats, closed: NDArray[np.bool_]
+) -> bool:
+    """Whether closed slots make a way at least a cell longer."""
+    as_open = float(ways.distance(start, end))
+    return _distance_beside(ways, start, end, closed) >= as_open + ways.cell_size
 
 
 def _distance_beside(

@@ -61,10 +61,10 @@ class Navigator(TensorDictModuleBase):
        reachable, by a similarity above ``tc_reach`` and not over a closed edge, else
        at the next one; at the goal's own waypoint, at the goal view;
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
-    5. *give up*: an agent that comes no nearer to the goal (`Progress`) closes the edge
-       that would lead on from where it got, and those beside it, which lead to waypoints
-       as near to the goal from others nearby (`Blockages`); it plans anew at once. If
-       no way is left, the oldest cut opens again.
+    5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
+       that would lead on from where it got, and all edges nearby that lead as near to
+       the goal (`Blockages`); it plans anew at once. If no way is left, the oldest cut
+       opens again.
 
     When the task pays ``goal_reward``, the agent has been put elsewhere: it forgets its
     place and looks at the whole map; what it learned about closed edges and about wrong
@@ -298,26 +298,21 @@ class Navigator(TensorDictModuleBase):
         return place, target.masked_fill(place < 0, -1)
 
     def _give_up(self, place: Tensor) -> Tensor:
-        """Close what does not lead on; the ends of each cut, int64 ``[N, 2]``, or -1.
+        """Close what does not lead on; the ends of the edge that failed, or -1.
 
-        They are the waypoint where the agent did not get on, and the last one of the
-        path from there that it looks at.
+        Returns:
+            int64 ``[N, 2]``; the other edges that were closed with it are not told.
         """
-        ends = torch.full((len(place), 2), -1)
         stuck = self.progress.watch(place, self.ways.cost(place))
+        failed = place.clone()
+        for agent in stuck.nonzero().flatten().tolist():
+            failed[agent], _ = self.progress.frontier(agent)
+        ends = torch.stack([failed, self.ways.ahead(failed, 1).squeeze(1)], 1)
         for agent in stuck.nonzero().flatten().tolist():
             node, level = self.progress.frontier(agent)
-            ends[agent, 0] = node
-            ends[agent, 1] = self._path_from(agent, node)[-1]
             self.ways.close(agent, node, level, hops=self.localiser.hops)
         self.progress.restart(stuck)
-        return ends
-
-    def _path_from(self, agent: int, node: int) -> Tensor:
-        """The next waypoints on the way of one agent, if it were at ``node``."""
-        places = torch.zeros(len(self.ways.blockages.closed), dtype=torch.int64)
-        places[agent] = node
-        return self.ways.ahead(places, self.lookahead)[agent]
+        return ends.masked_fill(~stuck.unsqueeze(1), -1)
 
     def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
         """Draw the actions, int64 ``[N]`` on the CPU."""
