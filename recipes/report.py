@@ -5,9 +5,9 @@
 Runs that differ in their seeds alone are one group. Of each group, the table gives mean
 and interquartile mean with 95 % bootstrap intervals, and the mean of the five best,
 which is how the paper reports and which flatters. The folder gets ``report.md``,
-``report.csv`` and a figure: learning curves of explorations, accuracies of
-pre-trainings over the swept setting. Where it holds runs of both recipes, there are two
-of each.
+``report.csv`` and a figure: learning curves of explorations, goals that evaluations of
+navigation reached, accuracies of pre-trainings over the swept setting. Where it holds
+runs of several recipes, there is one of each for each of them.
 """
 
 import sys
@@ -16,6 +16,7 @@ from pathlib import Path
 from toponav.builders import (
     find_runs,
     report_exploration,
+    report_navigation,
     report_pretraining,
     write_text,
 )
@@ -23,7 +24,11 @@ from toponav.config import SettingsError, SweepReportConfig
 from toponav.evaluation import csv_table, markdown_table, summarize_scores
 from toponav.launch import recipe
 
-REPORTS = {"explore": report_exploration, "pretrain": report_pretraining}
+REPORTS = {
+    "explore": report_exploration,
+    "navigate": report_navigation,
+    "pretrain": report_pretraining,
+}
 
 
 @recipe("report", first="folder")

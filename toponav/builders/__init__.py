@@ -52,6 +52,7 @@ from toponav.builders.navigation_goals import (
     make_navigation_env,
 )
 from toponav.builders.navigation_pictures import write_leg, write_success, write_walk
+from toponav.builders.navigation_report import report_navigation
 from toponav.builders.networks import (
     NETWORKS_FILE,
     Networks,
@@ -151,6 +152,7 @@ __all__ = [
     "prepare_networks",
     "pretraining_decisions",
     "report_exploration",
+    "report_navigation",
     "report_pretraining",
     "require_finite",
     "restore_training",

@@ -55,6 +55,8 @@ class Run:
         if name in self.given:
             return self.given[name]
         value = OmegaConf.select(self.config, name)
+        if OmegaConf.is_list(value):
+            return f"[{','.join(str(one) for one in value)}]"
         return "default" if OmegaConf.is_config(value) else str(value)
 
 

@@ -70,7 +70,7 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         runs: of ``recipes/pretrain.py``.
         title: of the figure.
     """
-    results, left_out = _read_all(runs, read_pretraining)
+    results, left_out = read_all(runs, read_pretraining)
     if not results:
         return SweepReport(_MEASURED_IN, "values", left_out=left_out)
     names = swept_settings(runs)
@@ -136,7 +136,7 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         runs: of ``recipes/explore.py``.
         title: of the figure.
     """
-    results, left_out = _read_all(runs, read_exploration)
+    results, left_out = read_all(runs, read_exploration)
     names = swept_settings(runs)
     _drop_short_evaluations(results, names, left_out)
     if not results:
@@ -266,7 +266,7 @@ def label_of(settings: Mapping[str, str]) -> str:
     )
 
 
-def _read_all(
+def read_all(
     runs: Iterable[Run], read: Callable[[Path], Result]
 ) -> tuple[dict[Run, Result], list[str]]:
     """What the finished runs wrote, and a sentence on each of the others."""
