@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.builders.sweeps import make_exploration, make_pretraining, make_run
 from toponav.builders.run_folders import (
@@ -62,6 +63,15 @@ def test_a_group_that_was_not_chosen_is_the_default(tmp_path: Path) -> None:
     runs = find_runs(tmp_path)
     assert swept_settings(runs) == ["maze"]
     assert sorted(run.setting("maze") for run in runs) == ["default", "maze1"]
+
+
+def test_a_list_is_written_as_on_a_command_line(tmp_path: Path) -> None:
+    folder = make_run(tmp_path, "navigate")
+    path = folder / "config/config.yaml"
+    path.write_text(yaml.safe_dump({"maze": {"blocked": ["a", "b"], "open": []}}))
+    (run,) = find_runs(tmp_path)
+    assert run.setting("maze.blocked") == "[a,b]"
+    assert run.setting("maze.open") == "[]"
 
 
 def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:

@@ -286,6 +286,14 @@ def test_a_goal_waypoint_that_does_not_deliver_is_dropped_for_the_episode(grid):
     assert goals(data) == 14
 
 
+def test_a_farther_goal_is_no_lack_of_progress(grid):
+    # As above; what was left of the way to the wrong goal was 1, and is then 7.
+    world = GridWorld(goal_views=((4, 1), GOAL), start=(3, 1), episode_length=100)
+    data = walk(world, make_navigator(grid, goal_patience=6, block_after=8), 30)
+    assert goals(data) >= 2
+    assert not (data[CUT_FROM] >= 0).any()
+
+
 def test_when_all_goal_waypoints_are_dropped_the_first_comes_back(grid):
     world = GridWorld(goal_views=((4, 1), (4, 5)), start=(3, 1))
     data = walk(world, make_navigator(grid, goal_patience=6), 60)

@@ -80,7 +80,7 @@ def test_edges_are_found_by_their_ends():
 
 def test_edges_across_a_level_near_a_waypoint():
     # Two ways to 5, which are joined at the start: 0-1-2-5 and 0-3-4-5.
-    edges = torch.tensor([[0, 1], [1, 2], [2, 5], [0, 3], [3, 4], [4, 5], [0, 2]])
+    edges = torch.tensor([[0, 1], [1, 2], [2, 5], [0, 3], [3, 4], [5, 4], [0, 2]])
     planner = Planner(6, edges, torch.tensor([1.0] * 6 + [3.0]))
     costs = planner.plan([5]).costs
     assert costs.tolist() == [3.0, 2.0, 1.0, 2.0, 1.0, 0.0]
@@ -95,6 +95,8 @@ def test_edges_across_a_level_near_a_waypoint():
     # An edge that is closed is neither walked nor closed again.
     closed = torch.tensor([True] + [False] * 6)
     assert across(1, 2.0, hops=2, closed=closed) == [1]
+    # Whichever of its ends an edge names first.
+    assert across(4, 1.0, hops=0) == [5]
     # Nothing is looked at from beyond the level but its own edges back.
     assert across(0, 3.0, hops=3) == [0, 3, 6]
 

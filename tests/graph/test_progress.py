@@ -36,6 +36,14 @@ def test_mistaken_places_are_neither_progress_nor_frontier():
     assert progress.frontier(0) == (5, 5.0)
 
 
+def test_the_frontier_leaves_one_in_eight_out():
+    progress = make_progress(16)
+    for left in range(16, 0, -1):
+        watch(progress, left, place=100 + left)
+    # Of 16 the two lowest: the third is 3.
+    assert progress.frontier(0) == (103, 3.0)
+
+
 def test_a_new_way_is_watched_anew():
     progress = make_progress(3, agents=2)
     place, left = torch.tensor([1, 2]), torch.tensor([4.0, 4.0]).double()
