@@ -122,3 +122,73 @@ def test_folding_the_normalisation_changes_no_embedding(batch_norm: bool) -> Non
     assert plain.requires_grad
     assert not folded.requires_grad
     torch.testing.assert_close(folded, plain.detach(), rtol=1e-4, atol=1e-5)
+
+
+def embed_plainly(encoder: SmallEncoder, views: torch.Tensor) -> torch.Tensor:
+    """With the normalisation apart: where there are gradients, nothing is folded."""
+    return encoder(views).detach()
+
+
+@torch.no_grad()
+def change_weight(encoder: SmallEncoder) -> None:
+    encoder.convolutions[0].weight.mul_(2)
+
+
+def load_others(encoder: SmallEncoder) -> None:
+    encoder.load_state_dict(make_encoder().state_dict())
+
+
+def exchange_weight(encoder: SmallEncoder) -> None:
+    layer = encoder.convolutions[3]
+    version = layer.weight._version
+    layer.weight.data = layer.weight.detach() * 2
+    assert layer.weight._version == version
+
+
+def train_statistics(encoder: SmallEncoder) -> None:
+    with torch.no_grad():
+        encoder.train()(pixels(8))
+    encoder.eval()
+
+
+@pytest.mark.parametrize(
+    "change", [change_weight, load_others, exchange_weight, train_statistics]
+)
+def test_a_fold_is_never_stale(change) -> None:
+    encoder, views = make_encoder().eval(), pixels(2)
+    with torch.no_grad():
+        before = encoder(views)
+        # The second one has nothing to fold.
+        torch.testing.assert_close(encoder(views), before)
+    change(encoder)
+    with torch.no_grad():
+        after = encoder(views)
+    assert not torch.allclose(after, before, atol=1e-3)
+    expected = embed_plainly(encoder, views)
+    torch.testing.assert_close(after, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_weights_that_another_process_changes_are_not_stale() -> None:
+    encoder, views = make_encoder().eval().share_memory(), pixels(2)
+    with torch.no_grad():
+        encoder(views)
+    shared = encoder.convolutions[0].weight
+    # Another tensor over the same memory: the module's own version stays.
+    version = shared._version
+    torch.from_numpy(shared.detach().numpy()).mul_(3)
+    assert shared._version == version
+    with torch.no_grad():
+        after = encoder(views)
+    expected = embed_plainly(encoder, views)
+    torch.testing.assert_close(after, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_copy_folds_its_own_weights() -> None:
+    encoder, views = make_encoder().eval(), pixels(2)
+    with torch.no_grad():
+        encoder(views)
+        copied = copy.deepcopy(encoder)
+        change_weight(copied)
+        after = copied(views)
+    expected = embed_plainly(copied, views)
+    torch.testing.assert_close(after, expected, rtol=1e-4, atol=1e-5)

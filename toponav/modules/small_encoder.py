@@ -1,5 +1,7 @@
 """`SmallEncoder`: an encoder for two cores, 66 times cheaper than ResNet-18."""
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
@@ -105,6 +107,9 @@ class SmallEncoder(nn.Module):
             channels, height, width = out_channels, (height + 1) // 2, (width + 1) // 2
         self.convolutions = nn.Sequential(*layers)
         self.project = nn.Linear(channels * height * width, embedding_dim)
+        # What `_folded` made last, and of what.
+        self._folds: list[tuple[Tensor, Tensor | None]] = []
+        self._folded_from: list[tuple[int, int]] = []
 
     def forward(self, pixels: Tensor) -> Tensor:
         """Embed views.
@@ -134,20 +139,38 @@ class SmallEncoder(nn.Module):
     def _convolve_folded(self, planes: Tensor) -> Tensor:
         """The convolutions, each with the normalisation behind it in its weights.
 
-        That is faster than one after the other. The weights are made anew at each call,
-        so that they are never stale.
+        That is faster than one after the other.
         """
-        layers = list(self.convolutions)
-        for at, layer in enumerate(layers):
-            if isinstance(layer, nn.Conv2d):
-                weight, bias = layer.weight, layer.bias
-                norm = layers[at + 1]
-                if isinstance(norm, nn.BatchNorm2d):
-                    weight, bias = _fold(layer, norm)
-                planes = F.conv2d(planes, weight, bias, layer.stride, layer.padding)
-            elif not isinstance(layer, nn.BatchNorm2d):
-                planes = layer(planes)
+        convolutions = [one for one in self.convolutions if isinstance(one, nn.Conv2d)]
+        folds = self._folded()
+        for layer, (weight, bias) in zip(convolutions, folds, strict=True):
+            planes = F.conv2d(planes, weight, bias, layer.stride, layer.padding).relu_()
         return planes
+
+    def _folded(self) -> list[tuple[Tensor, Tensor | None]]:
+        """Weight and bias of each convolution and the normalisation behind it in one.
+
+        They are made anew when a weight has changed: each change in place counts up the
+        version of a tensor, and each exchange gives it other memory. What other
+        processes share they can change unseen, so that it is folded each time.
+        """
+        tensors = [*self.convolutions.parameters(), *self.convolutions.buffers()]
+        now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
+        is_shared = any(tensor.is_shared() for tensor in tensors)
+        if is_shared or now != self._folded_from:
+            self._folds = list(_fold_all(self.convolutions))
+            self._folded_from = now
+        return self._folds
+
+
+def _fold_all(layers: nn.Sequential) -> Iterator[tuple[Tensor, Tensor | None]]:
+    for at, layer in enumerate(layers):
+        if isinstance(layer, nn.Conv2d):
+            norm = layers[at + 1]
+            if isinstance(norm, nn.BatchNorm2d):
+                yield _fold(layer, norm)
+            else:
+                yield layer.weight, layer.bias
 
 
 def _fold(layer: nn.Conv2d, norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
