@@ -239,17 +239,6 @@ class Localiser:
         prepared = self.map.prepared.to(embedding.device)[nodes.to(embedding.device)]
         return self.compare(embedding, prepared).float().cpu()
 
-    def alike(self, embedding: Tensor, node: int) -> Tensor:
-        """The waypoints around one that are like a view, int64 ``[K]``.
-
-        Args:
-            embedding: ``[D]``.
-            node: where to look.
-        """
-        near = self.around(node)
-        score = self.similarity(embedding.unsqueeze(0), near.unsqueeze(0))[0]
-        return near[score > self.tc_reach]
-
     def around(self, node: int) -> Tensor:
         """A waypoint, and then those at most ``hops`` edges away from it, ``[K]``."""
         if node not in self._near:
