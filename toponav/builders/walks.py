@@ -107,7 +107,9 @@ class Walks:
             sums += torch.stack(
                 [found["loss_locomotion"].detach(), found["accuracy"].detach()]
             )
-            self.check({"loss_locomotion": float(found["loss_locomotion"])}, update)
+            self.check(
+                {"loss_locomotion": float(found["loss_locomotion"].detach())}, update
+            )
             optimizer.step()
             schedule.step()
             if update % _ROW_EVERY == 0 or update == config.updates:
