@@ -33,7 +33,7 @@ def test_mistaken_places_are_neither_progress_nor_frontier():
     found = [watch(progress, left, place=left) for left in lefts]
     assert found == [False] * 15 + [True]
     # One in eight of 16, two, may be lower; only one is, so that the third is a 5.
-    assert progress.frontier(0) == (5, 5.0)
+    assert progress.give_up(0) == (5, 5.0, 0)
 
 
 def test_the_frontier_leaves_one_in_eight_out():
@@ -41,7 +41,7 @@ def test_the_frontier_leaves_one_in_eight_out():
     for left in range(16, 0, -1):
         watch(progress, left, place=100 + left)
     # Of 16 the two lowest: the third is 3.
-    assert progress.frontier(0) == (103, 3.0)
+    assert progress.give_up(0) == (103, 3.0, 0)
 
 
 def test_a_new_way_is_watched_anew():

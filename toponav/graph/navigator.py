@@ -62,9 +62,9 @@ class Navigator(TensorDictModuleBase):
        at the next one; at the goal's own waypoint, at the goal view;
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
     5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
-       that would lead on from where it got, and all edges nearby that lead as near to
-       the goal (`Blockages`); it plans anew at once. If no way is left, the oldest cut
-       opens again.
+       that would lead on from where it got, and the longer it is stuck, the more of
+       the edges nearby that lead as near to the goal (`Blockages`); it plans anew at
+       once. If no way is left, the oldest cut opens again.
 
     When the task pays ``goal_reward``, the agent has been put elsewhere: it forgets its
     place and looks at the whole map; what it learned about closed edges and about wrong
@@ -266,7 +266,7 @@ class Navigator(TensorDictModuleBase):
     def _restart(self, agents: Tensor) -> None:
         """These agents have been put elsewhere."""
         self.localiser.forget(agents)
-        self.progress.restart(agents)
+        self.progress.forget(agents)
         self.goals.restart(agents)
         self.sampler.forget(agents)
         self._lost_left[agents] = 0
@@ -304,15 +304,13 @@ class Navigator(TensorDictModuleBase):
             int64 ``[N, 2]``; the other edges that were closed with it are not told.
         """
         stuck = self.progress.watch(place, self.ways.cost(place))
-        failed = place.clone()
+        ends = torch.full((len(place), 2), -1)
         for agent in stuck.nonzero().flatten().tolist():
-            failed[agent], _ = self.progress.frontier(agent)
-        ends = torch.stack([failed, self.ways.ahead(failed, 1).squeeze(1)], 1)
-        for agent in stuck.nonzero().flatten().tolist():
-            node, level = self.progress.frontier(agent)
-            self.ways.close(agent, node, level, hops=self.localiser.hops)
-        self.progress.restart(stuck)
-        return ends.masked_fill(~stuck.unsqueeze(1), -1)
+            node, level, reach = self.progress.give_up(agent)
+            ends[agent] = torch.tensor([node, self.ways.onward(agent, node)])
+            hops = min(reach, self.localiser.hops)
+            self.ways.close(agent, node, level, hops=hops)
+        return ends
 
     def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
         """Draw the actions, int64 ``[N]`` on the CPU."""

@@ -84,6 +84,10 @@ class Ways:
             found.append(node)
         return torch.cat(found, 1)
 
+    def onward(self, agent: int, node: int) -> int:
+        """The next waypoint on an agent's way from a waypoint, or itself."""
+        return int(self._onward[agent, node])
+
     def leaps(self, place: Tensor, path: Tensor) -> Tensor:
         """Which waypoints ahead an agent would reach by an edge that it found closed.
 
