@@ -44,6 +44,33 @@ def test_the_frontier_leaves_one_in_eight_out():
     assert progress.give_up(0) == (103, 3.0, 0)
 
 
+def stuck_at(progress, left, most=99):
+    """Decisions until the agent is stuck, and the reach of what it gives up."""
+    for decision in range(1, most):
+        if watch(progress, left):
+            return decision, progress.give_up(0)[2]
+    raise AssertionError("never stuck")
+
+
+def test_each_cut_that_follows_soon_reaches_farther():
+    progress = make_progress(4)
+    assert [stuck_at(progress, 9) for _ in range(4)] == [(4, 0), (4, 1), (4, 3), (4, 7)]
+    # Steady progress over more than twice the patience: then it begins again.
+    for left in range(9, 0, -1):
+        assert not watch(progress, left)
+    assert stuck_at(progress, 1)[1] == 0
+
+
+def test_a_cut_elsewhere_begins_again():
+    progress = make_progress(4)
+    for _ in range(2):
+        stuck_at(progress, 9)
+    progress.restart(torch.tensor([True]))
+    assert stuck_at(progress, 9) == (4, 3)
+    progress.forget(torch.tensor([True]))
+    assert stuck_at(progress, 9) == (4, 0)
+
+
 def test_a_new_way_is_watched_anew():
     progress = make_progress(3, agents=2)
     place, left = torch.tensor([1, 2]), torch.tensor([4.0, 4.0]).double()
