@@ -33,6 +33,9 @@ def main() -> None:
     parser.add_argument("second", type=Path)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
+    for folder in (arguments.first, arguments.second):
+        if not (folder / "episodes.csv").is_file():
+            parser.error(f"a run must have its episodes.csv, got none in '{folder}'")
     first, second = read_goals(arguments.first), read_goals(arguments.second)
     if len(first) != len(second) or not first:
         parser.error(
