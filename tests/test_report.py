@@ -74,7 +74,7 @@ def test_without_runs_there_is_one_sentence(tmp_path: Path) -> None:
     done = report(tmp_path, folder.name)
     assert done.stderr.splitlines() == [
         f"{folder.name} is left out: it has no evaluation.csv",
-        "report: folder must hold a finished run of explore or navigate or pretrain, got none in "
-        f"'{folder.name}'",
+        "report: folder must hold a finished run of explore or navigate or pretrain, "
+        f"got none in '{folder.name}'",
     ]
     assert done.returncode == 2
