@@ -7,14 +7,19 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
-from torchrl.collectors import Collector, MultiAsyncCollector
+from torchrl.collectors import Collector
 from torchrl.data import Composite, Unbounded
-from torchrl.envs import Compose, EnvBase, TransformedEnv
+from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
 from torchrl.envs.transforms import Transform
 from torchrl.weight_update import NoWeightSyncScheme
 
 from tests.fakes import FakeMaze
-from toponav.collectors import Mailbox, MailboxCollector, Subscription
+from toponav.collectors import (
+    Mailbox,
+    MailboxCollector,
+    PatientAsyncCollector,
+    Subscription,
+)
 from toponav.keys import NETWORKS_VERSION, PIXELS, POLICY_VERSION
 
 #: Weights long enough that a copy takes a while.
@@ -88,6 +93,11 @@ def make_env(*transforms: Transform) -> EnvBase:
     return TransformedEnv(env, Compose(EchoTransform(), *transforms))
 
 
+def make_counting_env() -> EnvBase:
+    env = FakeMaze(batch_size=(ENVS,), max_decisions=10_000)
+    return TransformedEnv(env, StepCounter())
+
+
 def find_networks(collector: Collector) -> nn.Module:
     return collector.env.transform[0].weights
 
@@ -106,8 +116,8 @@ SUBSCRIPTIONS = (
 )
 
 
-def make_workers(mailbox: Mailbox, num_workers: int) -> MultiAsyncCollector:
-    return MultiAsyncCollector(
+def make_workers(mailbox: Mailbox, num_workers: int) -> PatientAsyncCollector:
+    return PatientAsyncCollector(
         [make_env] * num_workers,
         policy_factory=EchoPolicy,
         frames_per_batch=ENVS * 8,

@@ -8,7 +8,7 @@ from functools import partial
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import Collector, MultiAsyncCollector
+from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
 from torchrl.weight_update import NoWeightSyncScheme
@@ -17,6 +17,7 @@ from tqdm import tqdm
 from toponav.builders.mazes import make_env
 from toponav.builders.process_memory import keep_freed_memory
 from toponav.builders.shutdown import stop_collector
+from toponav.collectors import PatientAsyncCollector
 from toponav.config import MazeConfig, PretrainConfig
 from toponav.data import HeldOut
 from toponav.evaluation import RandomPolicy, StickyPolicy
@@ -76,7 +77,7 @@ def make_walk_policy(kind: str, *, seed: int) -> TensorDictModuleBase:
     return RandomPolicy(seed=seed)
 
 
-def make_collector(config: PretrainConfig) -> MultiAsyncCollector:
+def make_collector(config: PretrainConfig) -> PatientAsyncCollector:
     """Processes that walk in the mazes while the caller does something else.
 
     Each hands over batches of ``collect.batch`` decisions and stays at most one batch
@@ -93,7 +94,7 @@ def make_collector(config: PretrainConfig) -> MultiAsyncCollector:
     mazes, collect = split_mazes(config), config.collect
     num_workers = -(-max(collect.workers, len(mazes)) // len(mazes)) * len(mazes)
     seeds = [_SEEDS_PER_RUN * config.seed + worker for worker in range(num_workers)]
-    return MultiAsyncCollector(
+    return PatientAsyncCollector(
         [
             partial(
                 make_walk_env,

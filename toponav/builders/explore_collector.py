@@ -12,7 +12,6 @@ from torch import nn
 from torchrl.collectors import (
     BaseCollector,
     Collector,
-    MultiAsyncCollector,
     MultiSyncCollector,
 )
 from torchrl.envs import EnvBase
@@ -21,7 +20,12 @@ from torchrl.weight_update import NoWeightSyncScheme
 from toponav.builders.explore_env import make_actor_critic, make_explore_env
 from toponav.builders.novelty import Novelty, make_empty_novelty
 from toponav.builders.process_memory import keep_freed_memory
-from toponav.collectors import Mailbox, MailboxCollector, Subscription
+from toponav.collectors import (
+    Mailbox,
+    MailboxCollector,
+    PatientAsyncCollector,
+    Subscription,
+)
 from toponav.config import ExploreConfig, TrainingError
 from toponav.keys import (
     ACTION,
@@ -139,7 +143,7 @@ def make_explore_collector(
     }
     make_one = [make_worker_env] * collect.workers
     if asynchronous:
-        collector: BaseCollector = MultiAsyncCollector(make_one, **arguments)
+        collector: BaseCollector = PatientAsyncCollector(make_one, **arguments)
     else:
         collector = MultiSyncCollector(make_one, cat_results=0, **arguments)
     return collector

@@ -36,10 +36,10 @@ class MailboxCollector(Collector):
     """Collects, with the weights that a `Mailbox` held when the rollout began.
 
     Every batch is made by one version of each module and says by which. It is the
-    ``collector_class`` of a ``MultiAsyncCollector`` or ``MultiSyncCollector``, whose
+    ``collector_class`` of a `PatientAsyncCollector` or ``MultiSyncCollector``, whose
     own way of sharing weights is then switched off::
 
-        MultiAsyncCollector(
+        PatientAsyncCollector(
             [make_env] * 2,
             policy_factory=make_policy,
             weight_sync_schemes={"policy": NoWeightSyncScheme()},
