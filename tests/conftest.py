@@ -20,6 +20,17 @@ settings.register_profile("toponav", deadline=None, derandomize="CI" in os.envir
 settings.load_profile("toponav")
 
 
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """TorchRL's collectors of several processes leave this one with other threads.
+
+    Two sessions side by side with two threads each take ten times as long for small
+    networks.
+    """
+    yield
+    torch.set_num_threads(1)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def private_folders() -> Iterator[Path]:
     """Engines and WADs of this session, its child processes included, in one place.
