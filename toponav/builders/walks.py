@@ -33,7 +33,7 @@ class Walks:
     A random walk says little about how to get anywhere: of four of its decisions on
     the way from one view to another most were for nothing. An explorer that has
     learned walks straight on. The encoder stays as it is, so that a decision takes 0.5
-    kB and the head learns in a minute.
+    kB and the head learns in minutes.
 
     Reference:
         The paper, "Generalization of TC-network and L-network": networks that were
