@@ -1,4 +1,4 @@
-"""Collection in other processes: weights by mailbox, no lost batches, staggered episodes."""
+"""Collection in other processes: weights by mailbox, no lost batches, no lock step."""
 
 from toponav.collectors.mailbox import Mailbox, MailboxError
 from toponav.collectors.mailbox_collector import MailboxCollector, Subscription
