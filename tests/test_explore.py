@@ -192,7 +192,7 @@ def test_a_sweep_with_a3c_on_pixels_and_networks_that_learn(
     networks: Path, tmp_path: Path
 ) -> None:
     done = explore(
-        "seed=0,1",
+        "seed=1",
         f"pretrained={networks}",
         "policy.input=pixels",
         "loss=a3c",
@@ -207,12 +207,11 @@ def test_a_sweep_with_a3c_on_pixels_and_networks_that_learn(
         "-m",
     )
     assert done.returncode == 0, done.stderr
-    for seed in (0, 1):
-        metrics = rows(tmp_path / f"sweep/{seed}/metrics.csv")
-        versions = [row["networks_version"] for row in metrics]
-        assert versions[0] == "0"
-        assert versions[-1] in ("1", "2")
-        assert float(metrics[-1]["loss_tc"]) > 0
+    metrics = rows(tmp_path / "sweep/1/metrics.csv")
+    versions = [row["networks_version"] for row in metrics]
+    assert versions[0] == "0"
+    assert versions[-1] in ("1", "2")
+    assert float(metrics[-1]["loss_tc"]) > 0
 
 
 @pytest.mark.slow
