@@ -24,8 +24,7 @@ settings.load_profile("toponav")
 def one_thread() -> Iterator[None]:
     """TorchRL's collectors of several processes leave this one with other threads.
 
-    Two sessions side by side with two threads each take ten times as long for small
-    networks.
+    Sessions side by side with several threads each get in each other's way.
     """
     yield
     torch.set_num_threads(1)
