@@ -15,8 +15,8 @@ _CALIBRATED = {"auto": "reward_threshold", "tc": "tc_threshold"}
 class Novelty(nn.Module):
     """A TC-network and the similarity at which a view counts as known.
 
-    They travel together, so that a threshold never meets the weights of another
-    version.
+    They travel together. Networks that learn on keep the threshold that was calibrated
+    before exploring.
 
     Args:
         tc: the network.
