@@ -52,6 +52,29 @@ def test_it_looks_near_the_last_place_first(grid):
     assert localiser.locate(at((1, 2.5))).item() == grid.number((1, 2))
 
 
+def test_it_looks_along_its_path_before_all_else(grid):
+    # (1, 2.5) is as much like the square on either side, 1 / (1 + 0.5^2) = 0.8, and the
+    # lower number wins, if no path leads to the other.
+    localiser = make(grid, 2)
+    localiser.place = torch.full((2,), grid.number(START))
+    path = torch.tensor([[grid.number((1, 3)), grid.number((1, 4))], [-1, -1]])
+    found = localiser.locate(at((1, 2.5), (1, 2.5)), path)
+    assert found.tolist() == [grid.number((1, 3)), grid.number((1, 2))]
+
+
+def test_a_path_that_is_not_like_the_view_is_left(grid):
+    localiser = make(grid, 1)
+    localiser.place = torch.tensor([grid.number(START)])
+    path = torch.tensor([[grid.number((1, 2)), grid.number((1, 3))]])
+    assert localiser.locate(at(GOAL), path).item() == grid.number(GOAL)
+
+
+def test_who_has_no_place_is_on_no_path(grid):
+    localiser = make(grid, 1)
+    path = torch.tensor([[grid.number((1, 3))]])
+    assert localiser.locate(at((1, 2.4)), path).item() == grid.number((1, 2))
+
+
 def test_agents_look_around_their_own_places(grid):
     localiser = make(grid, 3)
     first = localiser.locate(at(START, GOAL, (4, 3)))

@@ -181,6 +181,7 @@ def make_navigator(
         window=config.window,
         shortlist=config.shortlist,
         stay_above=grown.tc_threshold if config.hysteresis else None,
+        follow=config.follow,
         lookahead=config.lookahead,
         temperature=config.temperature,
         avoid_futile=config.avoid_futile,

@@ -23,6 +23,7 @@ class NavigatorConfig:
     window: int = MISSING
     shortlist: int | None = MISSING
     hysteresis: bool = MISSING
+    follow: int = MISSING
     lookahead: int = MISSING
     temperature: float = MISSING
     avoid_futile: bool = MISSING
@@ -46,6 +47,7 @@ class NavigatorConfig:
         ):
             if (value := getattr(self, name)) is not None:
                 require_at_least(f"navigator.{name}", value, least)
+        require_at_least("navigator.follow", self.follow, 0)
         require_at_least("navigator.temperature", self.temperature, 0)
         require_at_least("navigator.unwalked_cost", self.unwalked_cost, 1)
 

@@ -55,15 +55,17 @@ class Map(Protocol):
 class Localiser:
     """Maps each agent's view to the waypoint that is most like it.
 
-    First among the waypoints at most ``hops`` edges away from the agent's last place;
-    if none of them is like the view, among all; if none is, the agent is lost and keeps
-    no place. Looking near the last place first is both cheaper and surer, since other
-    parts of the maze may look alike.
+    First along the path that it walks, if it walks one; if no waypoint there is like
+    the view, among those at most ``hops`` edges away from its last place; then among
+    all; if none is, the agent is lost and keeps no place. Looking near the last place
+    first is both cheaper and surer, since other parts of the maze may look alike.
+    Looking along the path keeps an agent on one way: many walks have left waypoints at
+    the same spot, and from each of them another way leads on.
 
     Reference:
-        The paper, Fig. 10. Similarities are averaged over the last views as in Savinov
-        et al., "Semi-parametric topological memory for navigation" (2018), who look at
-        the next waypoints of the path first. https://arxiv.org/abs/1803.00653
+        The paper, Fig. 10. The path first, and similarities that are averaged over the
+        last views: Savinov et al., "Semi-parametric topological memory for navigation"
+        (2018), https://arxiv.org/abs/1803.00653
 
     Args:
         map: see `Map`.
@@ -135,18 +137,25 @@ class Localiser:
         self.place[agents] = -1
         self._count[agents] = 0
 
-    def locate(self, embedding: Tensor) -> Tensor:
+    def locate(self, embedding: Tensor, path: Tensor | None = None) -> Tensor:
         """The place of each agent, int64 ``[N]``, -1 for those that are lost.
 
         Args:
             embedding: float32 ``[N, D]``, of the present views.
+            path: int64 ``[N, L]``, waypoints that each agent walks to one after the
+                other, -1 for an agent without a path; ``None`` if nobody has one.
         """
         if self._views.device != embedding.device:
             self._views = self._views.to(embedding.device)
         self._views = torch.cat([embedding.unsqueeze(1), self._views[:, :-1]], 1)
         self._count = (self._count + 1).clamp(max=self.window)
-        known = (self.place >= 0).nonzero().flatten()
         found = torch.full_like(self.place, -1)
+        if path is not None:
+            walking = ((self.place >= 0) & (path >= 0).all(1)).nonzero().flatten()
+            ahead = torch.cat([self.place.unsqueeze(1), path], 1)
+            if len(walking):
+                found[walking] = self._best(walking, ahead[walking])
+        known = ((self.place >= 0) & (found < 0)).nonzero().flatten()
         if len(known):
             found[known] = self._near_last(known)
         unknown = (found < 0).nonzero().flatten()
@@ -160,12 +169,19 @@ class Localiser:
         nodes = torch.nn.utils.rnn.pad_sequence(
             [self.around(node) for node in last], batch_first=True, padding_value=-1
         )
-        nodes = self._short(self._views[agents, 0], nodes)
+        return self._best(agents, self._short(self._views[agents, 0], nodes))
+
+    def _best(self, agents: Tensor, nodes: Tensor) -> Tensor:
+        """The most similar of some waypoints, -1 if none is similar enough.
+
+        Args:
+            agents: int64 ``[n]``.
+            nodes: int64 ``[n, M]``, -1 for none; the first one is the last place.
+        """
         score = self._scores(agents, nodes.clamp(min=0)).masked_fill(nodes < 0, -1.0)
         best, at = score.max(1)
         found = nodes.gather(1, at.unsqueeze(1)).squeeze(1)
         if self.stay_above is not None:
-            # A waypoint is the first of its own surroundings.
             found = torch.where(score[:, 0] > self.stay_above, nodes[:, 0], found)
         return found.masked_fill(best <= self.tc_reach, -1)
 

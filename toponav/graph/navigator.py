@@ -52,9 +52,9 @@ class Navigator(TensorDictModuleBase):
 
     In each decision, for every env of the batch by itself:
 
-    1. *localise*: the waypoint most like the view, near the last place if possible
-       (`Localiser`); if there is none, the agent is lost and acts at random for
-       ``lost_for`` decisions before it looks again;
+    1. *localise*: the waypoint most like the view, of the path if possible, else near
+       the last place, else anywhere (`Localiser`); if there is none, the agent is lost
+       and acts at random for ``lost_for`` decisions before it looks again;
     2. *plan*: the cheapest way to the nearest of the waypoints that stand for the goal
        (`GoalNodes`, `Planner`), around the edges that were found closed;
     3. *aim*: at the farthest of the next ``lookahead`` waypoints of the path that is
@@ -64,7 +64,8 @@ class Navigator(TensorDictModuleBase):
     5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
        that would lead on from where it got, and the longer it is stuck, the more of
        the edges nearby that lead as near to the goal (`Blockages`); it plans anew at
-       once. If no way is left, the oldest cut opens again.
+       once, and looks for its place off the path too. If no way is left, the oldest cut
+       opens again.
 
     When the task pays ``goal_reward``, the agent has been put elsewhere: it forgets its
     place and looks at the whole map; what it learned about closed edges and about wrong
@@ -91,7 +92,10 @@ class Navigator(TensorDictModuleBase):
         window: see `Localiser`.
         shortlist: see `Localiser`.
         stay_above: see `Localiser`.
-        lookahead: waypoints of the path to look at.
+        follow: waypoints of the path ahead among which, and its last place, an agent
+            looks for its place first; 0 for none, it then looks around its last place
+            at once.
+        lookahead: waypoints of the path to look at for the next target.
         temperature: of the softmax over the logits; 0 takes the most probable action.
         avoid_futile: whether an action that left the view exactly as it was is not
             drawn again until the view changes, such as walking against a wall.
@@ -163,6 +167,7 @@ class Navigator(TensorDictModuleBase):
         window: int = 1,
         shortlist: int | None = None,
         stay_above: float | None = None,
+        follow: int = 6,
         lookahead: int = 7,
         temperature: float = 1.0,
         avoid_futile: bool = False,
@@ -185,9 +190,13 @@ class Navigator(TensorDictModuleBase):
                 f"in_keys must be {len(in_default)} and out_keys {len(_OUT_KEYS)}, got "
                 f"{self.in_keys} and {self.out_keys}"
             )
-        for name, number in (("lookahead", lookahead), ("lost_for", lost_for)):
-            if number < 1:
-                raise ValueError(f"{name} must be at least 1, got {number}")
+        for name, number, least in (
+            ("follow", follow, 0),
+            ("lookahead", lookahead, 1),
+            ("lost_for", lost_for, 1),
+        ):
+            if number < least:
+                raise ValueError(f"{name} must be at least {least}, got {number}")
         self.map = map
         self.embed = embed
         self.locomotion = locomotion
@@ -205,6 +214,7 @@ class Navigator(TensorDictModuleBase):
         self.sampler = ActionSampler(
             temperature=temperature, avoid_futile=avoid_futile, seed=seed
         )
+        self.follow = follow
         self.lookahead = lookahead
         self.keep_cuts = keep_cuts
         self.fade_after = fade_after
@@ -225,6 +235,8 @@ class Navigator(TensorDictModuleBase):
         self.sampler.resize(num_agents)
         # Decisions that an agent goes on acting at random.
         self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
+        # Who closed an edge in the decision before.
+        self._gave_up = torch.zeros(num_agents, dtype=torch.bool)
         self._made_for = (num_agents, self.map.version)
 
     @torch.no_grad()
@@ -245,7 +257,8 @@ class Navigator(TensorDictModuleBase):
         self.progress.restart(changed)
         place, target = self._aim(place, embedding)
         cut = self._give_up(place)
-        if (cut >= 0).any():
+        self._gave_up = (cut >= 0).any(1)
+        if self._gave_up.any():
             place, target = self._aim(place, embedding)
         action = self._act(place, target, embedding)
         return self._write(tensordict, action, place, target, cut)
@@ -273,11 +286,23 @@ class Navigator(TensorDictModuleBase):
 
     def _locate(self, embedding: Tensor) -> Tensor:
         """The place of each agent, -1 while it is lost."""
-        place = self.localiser.locate(embedding)
+        place = self.localiser.locate(embedding, self._path())
         self._lost_left = (self._lost_left - 1).clamp(min=0)
         turns_lost = (place < 0) & (self._lost_left == 0)
         self._lost_left[turns_lost] = self.lost_for
         return place.masked_fill(self._lost_left > 0, -1)
+
+    def _path(self) -> Tensor | None:
+        """The path ahead of each agent, int64 ``[N, follow]``, -1 without one.
+
+        Who has just given up looks around: perhaps it is not where its path leads.
+        """
+        if not self.follow:
+            return None
+        last = self.localiser.place
+        path = self.ways.ahead(last, self.follow)
+        leaves = self._gave_up | self.ways.cost(last).isinf()
+        return path.masked_fill(leaves.unsqueeze(1), -1)
 
     def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
         """Find a way for everyone, and the waypoint of it to walk to.
