@@ -95,6 +95,23 @@ def test_a_resumed_run_learns_the_same(tmp_path: Path) -> None:
         assert torch.equal(mine, theirs)
 
 
+def test_a_run_that_is_resumed_after_it_learned_learns_no_more_than_once(
+    tmp_path: Path,
+) -> None:
+    config = explore_settings(*SETTINGS)
+    walks, head = make(config)
+    walks.add(ways())
+    state = copy.deepcopy(walks.state_dict())
+    walks.learn(tmp_path)
+    # What was learned is in the run's networks, with which a resumed run begins.
+    again, second = make(config)
+    second.load_state_dict(head.state_dict())
+    again.load_state_dict(state)
+    again.learn(tmp_path)
+    for one, other in zip(head.parameters(), second.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
 def test_a_loss_that_is_no_number_is_told(tmp_path: Path) -> None:
     def check(figures: dict[str, float], update: int) -> None:
         if figures["loss_locomotion"] != figures["loss_locomotion"]:

@@ -1,5 +1,6 @@
 """`Walks`: the L-network's head learns on from the ways that the explorers took."""
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,8 @@ class Walks:
             batch_size=self.config.pairs,
         )
         self.buffer.set_rng(self.generator)
+        # A run that is resumed after it learned begins once more with this head.
+        self._start = copy.deepcopy(self.head.state_dict())
         # The collectors of a resumed run number their episodes from 0 again.
         self._first_episode = 0
 
@@ -122,8 +125,9 @@ class Walks:
         write_history(folder / "locomotion.csv", rows)
 
     def state_dict(self) -> dict[str, object]:
-        """What was kept, and the state of the draws."""
+        """What was kept, the head before it learns, and the state of the draws."""
         return {
+            "head": self._start,
             "buffer": self.buffer.state_dict(),
             "generator": self.generator.get_state(),
         }
@@ -132,6 +136,9 @@ class Walks:
         """Go on where `state_dict` was taken."""
         self.buffer.load_state_dict(state["buffer"])
         self.generator.set_state(state["generator"])
+        # Earlier runs did not keep it.
+        self._start = state.get("head", self._start)
+        self.head.load_state_dict(self._start)
         if len(self.buffer):
             kept = self.buffer.storage[:][TRAJECTORY]
             self._first_episode = int(kept.max()) + 1
