@@ -81,6 +81,7 @@ def test_the_navigator_plans_on_it(explored: Explored) -> None:
         ("navigator.tc_reach=0.25", lambda n: n.localiser.tc_reach, 0.25),
         ("navigator.hysteresis=true", lambda n: n.localiser.stay_above, 0.9),
         ("navigator.hops=3", lambda n: n.localiser.hops, 3),
+        ("navigator.follow=2", lambda n: n.follow, 2),
         ("navigator.window=2", lambda n: n.localiser.window, 2),
         ("navigator.lookahead=2", lambda n: n.lookahead, 2),
         ("navigator.temperature=0.7", lambda n: n.sampler.temperature, 0.7),
@@ -222,6 +223,7 @@ def test_a_broken_map_is_one_sentence(tmp_path):
             "navigator.temperature must be at least 0, got -1",
         ),
         ("navigator.hops=0", "navigator.hops must be at least 1, got 0"),
+        ("navigator.follow=-1", "navigator.follow must be at least 0, got -1"),
         ("navigator.block_after=0", "navigator.block_after must be at least 2, got 0"),
         (
             "navigator.tc_reach=2",
