@@ -37,5 +37,6 @@ def test_ci_runs_its_test_command() -> None:
     marked = README.split("<!-- tests -->")[1]
     command = re.search(r"```bash\n(.*?)\n```", marked, re.DOTALL)
     assert command is not None
-    assert command[1] == "bash install.sh && .venv/bin/python -m pytest -n 2"
+    words = "bash install.sh && .venv/bin/python -m pytest -n 2 --dist worksteal"
+    assert command[1] == words
     assert "<!-- tests -->" in (ROOT / ".ci/run").read_text()
