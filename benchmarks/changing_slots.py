@@ -5,7 +5,7 @@
 Navigator, oracle and random agent play the same episodes of maze1. After each fifth of
 an episode a slot changes: ``a`` closes, ``a`` opens, ``b`` closes, ``b`` opens. Goals
 per 1000 decisions in each fifth tell whether the agent recovers: with a corridor
-closed, ways are longer and have to be found, so that the oracle's figure falls too.
+closed, paths are longer and have to be found, so that the oracle's figure falls too.
 """
 
 import argparse
@@ -21,16 +21,12 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from tqdm import trange
 
-from toponav.builders import (
-    load_explored,
-    make_goal_places,
-    make_navigator,
-    make_policies,
-)
-from toponav.builders.navigation_goals import make_navigation_env
-from toponav.config import NavigateConfig, register
-from toponav.evaluation import bootstrap
+from toponav.builders import load_exploration, make_goal_places, make_navigation_env
+from toponav.config import NavigateConfig
 from toponav.keys import REWARD
+from toponav.methods import register
+from toponav.methods.navigators import make_policies
+from toponav.metrics import bootstrap
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 #: What happens at the beginning of each fifth of an episode.
@@ -80,12 +76,11 @@ def main() -> None:
 
     # One decision more than is played: no episode ends in between.
     settings = make_settings(arguments.run, arguments.decisions + 1)
-    explored = load_explored(settings)
-    places = make_goal_places(settings, explored)
-    navigator = make_navigator(settings.navigator, explored, seed=settings.seed)
-    policies = make_policies(settings, explored, navigator)
+    knowledge, truth = load_exploration(settings)
+    places = make_goal_places(settings, knowledge, truth)
+    policies = make_policies(settings, knowledge, truth)
     part = arguments.decisions // len(CHANGES)
-    told: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "run": Path(arguments.run).name,
         "episodes": arguments.episodes,
         "decisions": arguments.decisions,
@@ -97,14 +92,14 @@ def main() -> None:
         for name, policy in policies.items():
             env.set_seed(settings.seed)
             rate = 1000 / part * play(env, policy, arguments.decisions, name=name)
-            told[name] = {}
+            entries[name] = {}
             for period, column in zip(NAMES, rate.T, strict=True):
                 found = bootstrap(column.tolist())
-                told[name][period] = [found.value, found.low, found.high]
+                entries[name][period] = [found.value, found.low, found.high]
     finally:
         env.close()
-    told["load"] = os.getloadavg()[0]
-    words = json.dumps(told, indent=2)
+    entries["load"] = os.getloadavg()[0]
+    words = json.dumps(entries, indent=2)
     print(words)
     if arguments.out:
         arguments.out.write_text(words + "\n")

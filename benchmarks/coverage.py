@@ -18,9 +18,15 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import InitTracker, TransformedEnv
 from tqdm import tqdm
 
-from toponav.envs import MAZES, DoomMazeEnv, load_maze
-from toponav.evaluation import FrontierExpert, RandomPolicy, StickyPolicy, bootstrap
+from toponav.envs import MAZES, MazeEnv, load_engine, load_maze
 from toponav.keys import COVERAGE, DECISIONS_TO_COVERAGE
+from toponav.metrics import bootstrap
+from toponav.policies import (
+    FrontierExpert,
+    RandomPolicy,
+    StickyPolicy,
+    forward_weights,
+)
 from toponav.transforms import Coverage
 
 BATCH = 16
@@ -32,7 +38,7 @@ def episodes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Final coverage in percent, and decisions to 90 and 100 %, of each episode."""
     layout = load_maze(maze)
-    base = DoomMazeEnv(
+    base = MazeEnv(
         layout, batch_size=BATCH, privileged=True, seed=seed, episode_length=length + 1
     )
     meter = Coverage(torch.from_numpy(layout.open_mask), levels=LEVELS)
@@ -58,12 +64,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
+    world = load_engine("vizdoom").world
     rows = []
     for maze in tqdm(MAZES, desc="maze"):
         mask = torch.from_numpy(load_maze(maze).open_mask)
         walks = {
-            "uniform random": RandomPolicy(seed=options.seed),
-            "sticky random": StickyPolicy(seed=options.seed),
+            "uniform random": RandomPolicy(world.num_actions, seed=options.seed),
+            "sticky random": StickyPolicy(
+                world.num_actions,
+                weights=forward_weights(world.actions),
+                seed=options.seed,
+            ),
         }
         for name, policy in walks.items():
             covered, _ = episodes(
@@ -72,7 +83,7 @@ def main() -> None:
             rows.append([maze, name, "coverage after 1800 decisions, %", covered])
         covered, decisions = episodes(
             maze,
-            FrontierExpert(mask, seed=options.seed),
+            FrontierExpert(mask, world=world, seed=options.seed),
             count=options.episodes // 2,
             length=600,
             seed=options.seed,

@@ -8,7 +8,7 @@ random actions in maze1 at 160x120, the median of several windows that take turn
 - bare: as many ``DoomGame`` as mazes, stepped in lock step by a thread pool with a
   thread each; the roof of anything that steps them together. Target for the
   environment: 0.7 of it with 8 mazes, 0.8 with 16.
-- ``DoomMazeEnv``: ``step_and_maybe_reset``, as collectors drive it.
+- ``MazeEnv``: ``step_and_maybe_reset``, as collectors drive it.
 - stock: ``ParallelEnv(8, GymEnv("toponav/Maze1-v0"))``. Target for the environment:
   at least 2.5 times its rate.
 """
@@ -27,9 +27,9 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase, GymEnv, ParallelEnv
 
-from toponav.envs import DoomMazeEnv, load_maze
-from toponav.envs.doom.engine import ACTION_REPEAT
-from toponav.envs.doom.game import ACTIONS, MazeGame
+from toponav.envs import MazeEnv, load_maze
+from toponav.envs.engines.doom.game import MazeGame
+from toponav.envs.engines.doom.spec import ACTIONS, CELL_SIZE, TICS_PER_DECISION
 from toponav.envs.scene import SceneRules, draw_scene
 
 BUTTONS = [list(buttons) for buttons in ACTIONS.values()]
@@ -41,12 +41,12 @@ def bare_stepper(size: int) -> tuple[Callable[[list[int]], object], Callable[[],
     games = [MazeGame(layout) for _ in range(size)]
     generator = np.random.default_rng(0)
     for game in games:
-        game.reset(draw_scene(layout, SceneRules(), generator))
+        game.reset(draw_scene(layout, SceneRules(), generator, cell_size=CELL_SIZE))
     pool = ThreadPoolExecutor(size)
 
     def step_one(game: MazeGame, action: int) -> object:
         engine = game.engine.game
-        engine.make_action(BUTTONS[action], ACTION_REPEAT)
+        engine.make_action(BUTTONS[action], TICS_PER_DECISION)
         return engine.get_state().screen_buffer
 
     def step(actions: list[int]) -> object:
@@ -104,7 +104,7 @@ def compare(
 ) -> dict[str, object]:
     """One table row: rates, and their ratios window by window."""
     bare, close_bare = bare_stepper(size)
-    env = DoomMazeEnv(load_maze("maze1"), batch_size=size)
+    env = MazeEnv(load_maze("maze1"), batch_size=size)
     steppers = {"bare": bare, "env": env_stepper(env)}
     stock = (
         ParallelEnv(size, stock_env, mp_start_method="spawn") if with_stock else None

@@ -3,8 +3,8 @@
     python benchmarks/explore_speed.py --out results/explore_speed.json
     python benchmarks/explore_speed.py --profile resnet18 --out results/resnet18.json
 
-The loop of ``recipes/explore.py`` runs for a while: other processes walk the maze with
-the policy, look every view up in the memory, and this one learns. Then each part is
+The loop of ``recipes/explore.py`` runs for a while: other processes act with the policy
+and look every view up in the memory, and this one learns. Then each part is
 timed alone, on one thread: a decision of the engines, embedding a view, comparing it
 with the memory, a decision of the policy, learning from it. The roof is what all cores
 would do if they did nothing else and never waited for each other:
@@ -22,7 +22,6 @@ and its mean is beside it. The load average says how far to trust them.
 """
 
 import argparse
-import copy
 import json
 import os
 import time
@@ -35,22 +34,34 @@ from omegaconf import OmegaConf
 from tensordict import TensorDictBase
 
 from toponav.builders import (
-    POLICY,
-    Learner,
-    Novelty,
-    collect_batches,
+    NETWORKS,
+    Networks,
+    World,
     keep_freed_memory,
-    make_actor_critic,
-    make_env,
-    make_explore_collector,
-    make_explore_env,
-    make_mailbox,
     make_networks,
+    network_dtype,
     stop_collector,
 )
-from toponav.builders.explore_env import make_memory, tc_dtype
-from toponav.builders.novelty import for_use
-from toponav.config import ExploreConfig, register
+from toponav.config import ExploreConfig
+from toponav.keys import NETWORK_PIXELS
+from toponav.methods import (
+    LEARNERS,
+    ActorCriticLearner,
+    make_reward,
+    make_world,
+    register,
+)
+from toponav.training import (
+    EpisodeLog,
+    Explorer,
+    collect_batches,
+    make_explore_collector,
+    make_explore_env,
+    make_explorer,
+    make_mailbox,
+    needed_keys,
+    publish,
+)
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 PROFILES = {
@@ -75,7 +86,7 @@ def make_settings(profile: str, overrides: list[str]) -> ExploreConfig:
     with initialize_config_dir(str(CONF), version_base="1.3"):
         settings = OmegaConf.to_object(compose("explore", overrides=words))
     assert isinstance(settings, ExploreConfig)
-    return settings
+    return settings.resolved(settings.model)
 
 
 def best_seconds(call: Callable[[], object], windows: int = WINDOWS) -> float:
@@ -90,11 +101,18 @@ def best_seconds(call: Callable[[], object], windows: int = WINDOWS) -> float:
 
 
 def run_all_in(
-    settings: ExploreConfig, novelty: Novelty, learner: Learner, seconds: float
+    settings: ExploreConfig,
+    world: World,
+    explorer: Explorer,
+    learner: ActorCriticLearner,
+    seconds: float,
 ) -> tuple[float, float, TensorDictBase]:
     """Explore and learn; the best and the mean rate, and the last batch."""
-    mailbox = make_mailbox(learner.policy, novelty)
-    collector = make_explore_collector(settings, mailbox)
+    mailbox = make_mailbox(explorer)
+    # Batches hold what the log of a run reads too, as in the recipe.
+    log = EpisodeLog(settings.collect.envs, world, explorer.reward)
+    keep = needed_keys({"episodes": log, "learner": learner, "reward": explorer.reward})
+    collector = make_explore_collector(settings, world, mailbox, keep=keep)
     batches = collect_batches(collector, max_idle_s=settings.collect.max_idle_s)
     # One window is a few batches: single ones come in bursts.
     per_window, rates, done = 2 * settings.collect.workers, [], 0
@@ -107,8 +125,8 @@ def run_all_in(
             start = time.perf_counter()
             for _ in range(per_window):
                 batch = next(batches)
-                learner.learn(batch.clone(), 0.0)
-                mailbox.publish(POLICY, learner.policy)
+                learner.extend(batch.clone())
+                publish(mailbox, explorer, [learner])
             done += per_window * batch.numel()
             rates.append(per_window * batch.numel() / (time.perf_counter() - start))
         mean = done / (time.perf_counter() - began)
@@ -118,9 +136,9 @@ def run_all_in(
 
 
 @torch.no_grad()
-def time_env(settings: ExploreConfig, envs: int) -> float:
+def time_env(world: World, envs: int) -> float:
     """Seconds of the engines' cores for a decision: they draw on other threads."""
-    env = make_env(settings.maze, batch_size=envs, seed=0, privileged=True)
+    env = world.make_env(batch_size=envs, seed=0, privileged=world.spec.has_truth)
     now = env.reset()
     action = torch.zeros(envs, dtype=torch.int64)
     seconds = best_seconds(lambda: env.step(now.set("action", action)), 50)
@@ -130,20 +148,27 @@ def time_env(settings: ExploreConfig, envs: int) -> float:
 
 @torch.no_grad()
 def time_decision(
-    settings: ExploreConfig, novelty: Novelty, envs: int
+    settings: ExploreConfig, world: World, networks: Networks, envs: int
 ) -> dict[str, float]:
-    """Seconds of a decision: of the policy, of embedding and of comparing."""
-    env = make_explore_env(settings, novelty, envs=envs, seed=0)
-    policy, now = make_actor_critic(settings), env.reset()
+    """Seconds of a decision: of the policy, of embedding and of comparing.
+
+    The TC-network is a copy, in the precision that collecting processes use.
+    """
+    reward = make_reward(settings, world, None)
+    tc = reward.modules()[NETWORKS].tc
+    tc.load_state_dict(networks.tc.state_dict())
+    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
+    explorer = make_explorer(policy, reward, None)
+    env = make_explore_env(settings, world, explorer, envs=envs, seed=0)
+    now = env.reset()
     seconds = {"policy": best_seconds(lambda: policy(now.clone()), 50) / envs}
     env.close()
-    embed = make_memory(settings, novelty).similarity.embed
-    views = now["pixels"]
-    seconds["embed"] = best_seconds(lambda: embed(views)) / envs
+    views = now[NETWORK_PIXELS]
+    seconds["embed"] = best_seconds(lambda: tc.embed(views)) / envs
     memory = torch.randn(envs, settings.reward.capacity, settings.model.embedding_dim)
-    memory = memory.to(tc_dtype(novelty.tc))
-    prepared, one = novelty.tc.prepare_memory(memory), memory[:, 0]
-    compare = novelty.tc.compare_prepared
+    memory = memory.to(network_dtype(tc))
+    prepared, one = tc.prepare_memory(memory), memory[:, 0]
+    compare = tc.compare_prepared
     seconds["compare"] = best_seconds(lambda: compare(one, prepared)) / envs
     return seconds
 
@@ -160,17 +185,25 @@ def main() -> None:
     keep_freed_memory()
     settings = make_settings(arguments.profile, arguments.overrides)
     envs = settings.collect.envs // settings.collect.workers
-    networks = make_networks(settings.model)
+    world = make_world(settings)
+    networks = make_networks(settings.model, world.spec)
     networks.modules.eval()
-    novelty = Novelty(networks.tc, float(settings.reward.threshold))
-    used = for_use(copy.deepcopy(novelty), settings.model)
-    policy = make_actor_critic(settings)
-    learner = Learner(settings, policy, check=lambda figures, update: None)
+    reward = make_reward(settings, world, networks)
+    learner = LEARNERS[settings.loss.name](
+        settings,
+        world,
+        reward=reward.reward_key,
+        check=lambda figures, update: None,
+        progress=lambda: 0.0,
+    )
+    explorer = make_explorer(learner.policy, reward, networks)
 
-    best, mean, batch = run_all_in(settings, novelty, learner, arguments.seconds)
-    parts = {"engines": time_env(settings, envs)}
-    parts |= time_decision(settings, used, envs)
-    learn = best_seconds(lambda: learner.learn(batch.clone(), 0.0), 4)
+    best, mean, batch = run_all_in(
+        settings, world, explorer, learner, arguments.seconds
+    )
+    parts = {"engines": time_env(world, envs)}
+    parts |= time_decision(settings, world, networks, envs)
+    learn = best_seconds(lambda: learner.extend(batch.clone()), 4)
     parts["learn"] = learn / batch.numel()
 
     cores = len(os.sched_getaffinity(0))

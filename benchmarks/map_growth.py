@@ -10,10 +10,10 @@ every waypoint.
 
 Maps of different sizes are square grids of places, and an observation's embedding tells
 where it was made, so that a comparator fitted to that for a second knows what is near.
-It has the shape of the small networks', which is what costs. Walks stay within the map,
-as a saturated exploration does. All ways and sizes are measured in turn in one run; the
-least processor time of several rounds counts, the ratios are of those, and the load
-average says how far to trust them.
+It has the shape of the small networks', which is what costs. Agents stay within the
+map, as in a saturated exploration. All searches and sizes are measured in turn in one
+run; the least processor time of several rounds counts, the ratios are of those, and the
+load average says how far to trust them.
 """
 
 import argparse
@@ -27,12 +27,12 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from toponav.graph import TopologicalMap
+from toponav.graph import MapRules, TopologicalMap
 from toponav.modules import DifferenceComparator
 
 DIM = 256
 ENVS, DECISIONS = 4, 120
-WAYS: dict[str, dict[str, int | None]] = {
+SEARCHES: dict[str, dict[str, int | None]] = {
     "neighbours first": {"nearby": 16, "shortlist": 32},
     "neighbours, then all": {"nearby": 16, "shortlist": None},
     "all": {"nearby": None, "shortlist": None},
@@ -83,17 +83,19 @@ def make_map(
     comparator: DifferenceComparator,
     places: Tensor,
     embed: Callable[[Tensor], Tensor],
-    **ways: int | None,
+    **searched: int | None,
 ) -> TopologicalMap:
     """A map with a waypoint at each place and edges to those beside it."""
-    grown = TopologicalMap(
+    topological_map = TopologicalMap(
         lambda views: views.float(),
         lambda one, many: comparator.compare(one, many).sigmoid(),
+        MapRules(
+            tc_threshold=0.5,
+            tc_reach=0.4,
+            edges="time",
+            **searched,  # type: ignore[arg-type]
+        ),
         prepare=comparator.prepare,
-        tc_threshold=0.5,
-        tc_reach=0.4,
-        edges="time",
-        **ways,  # type: ignore[arg-type]
     )
     embeddings, num = embed(places), len(places)
     side = round(num**0.5)
@@ -101,10 +103,10 @@ def make_map(
     across = torch.stack([number[:, :-1].flatten(), number[:, 1:].flatten()], 1)
     down = torch.stack([number[:-1].flatten(), number[1:].flatten()], 1)
     edges = torch.cat([across, down])
-    grown.load_state_dict(
+    topological_map.load_state_dict(
         {
             "embeddings": embeddings,
-            "prepared": grown.waypoints.entries(embeddings),
+            "prepared": topological_map.waypoints.entries(embeddings),
             "images": torch.empty(0),
             "origins": torch.zeros(num, 2, dtype=torch.int64),
             "edges": edges,
@@ -116,13 +118,13 @@ def make_map(
             "tc_reach": 0.4,
         }
     )
-    return grown
+    return topological_map
 
 
 def make_batch(
     embed: Callable[[Tensor], Tensor], limit: float, generator: torch.Generator
 ) -> TensorDict:
-    """Walks of a third of a step a decision, that turn back at the map's ends."""
+    """Random walks of a third of a step a decision that turn back at the map's ends."""
     turn = torch.randn(ENVS, DECISIONS, generator=generator).mul(0.3).cumsum(1)
     steps = torch.stack([turn.cos(), turn.sin()], -1) / 3
     start = torch.rand(ENVS, 1, 2, generator=generator) * limit
@@ -138,38 +140,38 @@ def make_batch(
 
 @torch.no_grad()
 def measure(sizes: list[int], rounds: int) -> list[dict[str, float | str]]:
-    """Milliseconds of an observation, by way and size."""
+    """Milliseconds of an observation, by search and size."""
     generator = torch.Generator().manual_seed(0)
     embed = make_embed(generator)
     with torch.enable_grad():
         comparator = fit_comparator(embed, generator)
     comparator.requires_grad_(False)
     best: dict[tuple[str, int], float] = {}
-    born: dict[tuple[str, int], int] = {}
+    num_new: dict[tuple[str, int], int] = {}
     for turn in range(rounds):
         for size in sizes:
             places = make_places(size, 0.8)
             seed = torch.Generator().manual_seed(turn)
             batch = make_batch(embed, 0.8 * (round(size**0.5) - 1), seed)
-            for way, ways in WAYS.items():
-                if way == "all" and size > MOST_FOR_ALL:
+            for search, settings in SEARCHES.items():
+                if search == "all" and size > MOST_FOR_ALL:
                     continue
-                grown = make_map(comparator, places, embed, **ways)
-                grown.graph.nearby(0, 16)
+                topological_map = make_map(comparator, places, embed, **settings)
+                topological_map.graph.nearby(0, 16)
                 start = time.process_time()
-                new = grown.extend(batch)
+                new = topological_map.extend(batch)
                 spent = (time.process_time() - start) / batch.numel()
-                key = way, len(places)
+                key = search, len(places)
                 best[key] = min(best.get(key, float("inf")), spent)
-                born[key] = new
+                num_new[key] = new
     return [
         {
-            "way": way,
+            "search": search,
             "waypoints": size,
             "ms_per_observation": 1e3 * seconds,
-            "share_born": born[way, size] / (ENVS * DECISIONS),
+            "share_new_waypoints": num_new[search, size] / (ENVS * DECISIONS),
         }
-        for (way, size), seconds in sorted(best.items())
+        for (search, size), seconds in sorted(best.items())
     ]
 
 
@@ -184,24 +186,22 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     rows = measure(arguments.sizes, arguments.rounds)
-    by_way = {
-        way: {
+    costs = {
+        search: {
             row["waypoints"]: row["ms_per_observation"]
             for row in rows
-            if (row["way"] == way)
+            if row["search"] == search
         }
-        for way in WAYS
+        for search in SEARCHES
     }
-    growth = {
-        way: max(costs.values()) / costs[min(costs)] for way, costs in by_way.items()
-    }
-    largest = max(by_way["all"])
+    growth = {name: max(one.values()) / one[min(one)] for name, one in costs.items()}
+    largest = max(costs["all"])
     found = {
         "rows": rows,
         "largest_over_smallest": growth,
         "all_over_neighbours_first_at": largest,
-        "all_over_neighbours_first": by_way["all"][largest]
-        / by_way["neighbours first"][largest],
+        "all_over_neighbours_first": costs["all"][largest]
+        / costs["neighbours first"][largest],
         "load": os.getloadavg()[0],
     }
     print(json.dumps(found, indent=2))

@@ -66,9 +66,13 @@ def best_seconds(*calls: Callable[[], object], windows: int) -> list[float]:
     return best
 
 
+#: Height and width of a view in pixels.
+VIEW = (120, 160)
+
+
 def make_views(*batch: int) -> Tensor:
     """Random views as the environment yields them."""
-    return torch.randint(0, 256, (*batch, 120, 160, 3), dtype=torch.uint8)
+    return torch.randint(0, 256, (*batch, *VIEW, 3), dtype=torch.uint8)
 
 
 def make_roof() -> Callable[[], object]:
@@ -79,7 +83,7 @@ def make_roof() -> Callable[[], object]:
 
 def measure_embed(batch: int, threads: int, windows: int) -> Row:
     """ResNet-18 against the roof."""
-    encoder, views = ResNet18().eval().bfloat16(), make_views(batch)
+    encoder, views = ResNet18(image_size=VIEW).eval().bfloat16(), make_views(batch)
     seconds, roof = best_seconds(lambda: encoder(views), make_roof(), windows=windows)
     rate, limit = batch / seconds, 2 * ROOF_SIZE**3 / roof
     return Row(
@@ -194,8 +198,8 @@ def measure_all(threads: int, batches: list[int], windows: int) -> Iterator[Row]
     for batch in batches:
         yield measure_embed(batch, threads, windows)
     yield measure_compare(threads, windows)
-    yield from measure_mine(ResNet18(), threads, max(windows // 4, 2))
-    yield from measure_mine(SmallEncoder(), threads, windows)
+    yield from measure_mine(ResNet18(image_size=VIEW), threads, max(windows // 4, 2))
+    yield from measure_mine(SmallEncoder(image_size=VIEW), threads, windows)
 
 
 @torch.no_grad()

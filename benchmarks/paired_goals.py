@@ -14,7 +14,7 @@ import csv
 import json
 from pathlib import Path
 
-from toponav.evaluation import bootstrap
+from toponav.metrics import bootstrap
 
 
 def read_goals(folder: Path) -> list[int]:
@@ -44,7 +44,7 @@ def main() -> None:
         )
     more = [one - other for one, other in zip(first, second, strict=True)]
     mean = bootstrap(more)
-    told = {
+    entries = {
         "first": arguments.first.name,
         "second": arguments.second.name,
         "episodes": len(more),
@@ -52,7 +52,7 @@ def main() -> None:
         "more_in": sum(difference > 0 for difference in more),
         "fewer_in": sum(difference < 0 for difference in more),
     }
-    words = json.dumps(told, indent=2)
+    words = json.dumps(entries, indent=2)
     print(words)
     if arguments.out:
         arguments.out.write_text(words + "\n")

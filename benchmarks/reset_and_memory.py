@@ -17,14 +17,14 @@ from pathlib import Path
 import psutil
 import torch
 
-from toponav.envs import DoomMazeEnv, load_maze
+from toponav.envs import MazeEnv, load_maze
 
 MAZES = 8
 
 
 def reset_milliseconds(count: int) -> dict[str, float]:
     """Median and 95 % quantile of single resets."""
-    env = DoomMazeEnv(load_maze("maze1"), apples=5, goal=True)
+    env = MazeEnv(load_maze("maze1"), apples=5, goal=True)
     times = []
     try:
         for _ in range(count):
@@ -44,7 +44,7 @@ def reset_milliseconds(count: int) -> dict[str, float]:
 def memory_growth(decisions: int, resets: int) -> list[dict[str, float]]:
     """Resident memory in MB at ten moments of a long run."""
     episode = decisions // resets
-    env = DoomMazeEnv(
+    env = MazeEnv(
         load_maze("maze1"),
         batch_size=MAZES,
         apples=5,

@@ -1,13 +1,13 @@
-"""What each guard of the reward's memory does to walks that deserve more or less.
+"""How each guard of the reward's memory changes what scripted policies are paid.
 
     python benchmarks/reward_guards.py --networks runs/pretrain/maze3-... --out x.csv
 
-Four scripted walks play the same episodes of 1800 decisions: an expert that visits
+Four scripted policies play the same episodes of 1800 decisions: an expert that visits
 every cell and then wanders, a sticky and a uniformly random walk, and a *dither* that
-only turns to and fro where it stands. Their views are kept, and the memory with its
-rewards (alpha 0.2) looks at them again under each threshold and each guard. A good
-reward pays the expert most and the dither least, and bears few waypoints where one is
-already (*false* births). Rewards are means per episode.
+only turns left and right on the spot. Their embeddings are recorded, and the memory and
+its rewards (alpha 0.2) are computed again for each threshold and each guard. A good
+reward pays the expert most and the dither least, and adds few waypoints next to older
+ones (spurious waypoints). Rewards are means per episode.
 """
 
 import argparse
@@ -21,30 +21,28 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.envs.transforms import Transform
 from tqdm import tqdm, trange
 
-from toponav.builders import Novelty, load_networks, make_explore_env
-from toponav.builders.novelty import reward_threshold
-from toponav.config import ExploreConfig, RewardConfig, register
-from toponav.envs import load_maze
-from toponav.evaluation import FrontierExpert, RandomPolicy, StickyPolicy
+from toponav.builders import NETWORKS, Networks, World, load_networks
+from toponav.config import ExploreConfig, RewardConfig
 from toponav.keys import (
-    BORN,
     COVERAGE,
     EMBEDDING,
-    FALSE_BIRTH,
     HEADING,
     INTRINSIC_REWARD,
+    IS_NEW_WAYPOINT,
     POSITION,
+    SPURIOUS_WAYPOINT,
 )
-from toponav.transforms import (
-    CountReward,
-    IntrinsicReward,
-    TemporalDistanceReward,
-    WaypointMemory,
-    WaypointTruth,
+from toponav.methods import LEARNERS, make_reward, make_world, register
+from toponav.policies import (
+    FrontierExpert,
+    RandomPolicy,
+    StickyPolicy,
+    forward_weights,
 )
+from toponav.training import make_explore_env, make_explorer
+from toponav.transforms import WaypointMemory
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 #: Changes to a memory without guards.
@@ -58,49 +56,60 @@ GUARDS = {
 VIEW = "view"
 HEADER = [
     *("maze", "threshold", "similarity", "guard", "walk", "episodes", "coverage"),
-    *("intrinsic_return", "births", "false_births", "return_of_experts"),
+    *("intrinsic_return", "new_waypoints", "spurious_waypoints", "return_of_experts"),
 ]
 
 
-def make_settings(maze: str) -> ExploreConfig:
+def make_settings(maze: str, seed: int) -> ExploreConfig:
     """Settings of the laptop scale."""
     register()
+    words = [f"maze={maze}", f"seed={seed}"]
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        settings = OmegaConf.to_object(compose("explore", overrides=[f"maze={maze}"]))
+        settings = OmegaConf.to_object(compose("explore", overrides=words))
     assert isinstance(settings, ExploreConfig)
     return settings
 
 
-def make_walks(maze: str, seed: int) -> dict[str, TensorDictModuleBase]:
-    """The four walks, by name, the expert first."""
+def make_policies(world: World, seed: int) -> dict[str, TensorDictModuleBase]:
+    """The four scripted policies, by name, the expert first."""
+    spec, layout = world.spec, world.layout
+    assert layout is not None  # a maze has a plan
+    mask = torch.as_tensor(layout.open_mask)
+    forward, number = forward_weights(spec.actions), spec.num_actions
+    turns = [float(name in ("left", "right")) for name in spec.actions]
     return {
-        "expert": FrontierExpert(torch.as_tensor(load_maze(maze).open_mask), seed=seed),
-        "sticky": StickyPolicy(seed=seed),
-        "random": RandomPolicy(seed=seed),
-        "dither": StickyPolicy(0.0, weights=(0, 0, 1, 1, 0, 0), seed=seed),
+        "expert": FrontierExpert(mask, world=spec, seed=seed),
+        "sticky": StickyPolicy(number, weights=forward, seed=seed),
+        "random": RandomPolicy(number, seed=seed),
+        "dither": StickyPolicy(number, stickiness=0.0, weights=turns, seed=seed),
     }
 
 
 @torch.no_grad()
 def record(
     settings: ExploreConfig,
-    novelty: Novelty,
-    walk: TensorDictModuleBase,
+    world: World,
+    networks: Networks,
+    policy: TensorDictModuleBase,
     *,
     episodes: int,
-    seed: int,
 ) -> list[TensorDictBase]:
-    """Embeddings, poses and coverage of a walk, ``[E]`` for each decision.
+    """Embeddings, poses and coverage of a policy, ``[E]`` for each decision.
 
     The embeddings have the shape of views, ``[E, 1, 1, D]``, as the memory wants them.
     """
     keys = [EMBEDDING, POSITION, HEADING, COVERAGE]
-    env = make_explore_env(settings, novelty, envs=episodes, seed=seed)
+    explorer = make_explorer(
+        LEARNERS[settings.loss.name].make_policy(settings, world),
+        make_reward(settings, world, networks),
+        networks,
+    )
+    env = make_explore_env(settings, world, explorer, envs=episodes, seed=settings.seed)
     try:
         data = env.reset()
         seen = [data.select(*keys).clone()]
-        for _ in trange(settings.maze.episode_length - 1, desc="walk", leave=False):
-            data = env.step_mdp(env.step(walk(data)))
+        for _ in trange(world.episode_length - 1, desc="walk", leave=False):
+            data = env.step_mdp(env.step(policy(data)))
             seen.append(data.select(*keys).clone())
     finally:
         env.close()
@@ -108,27 +117,33 @@ def record(
 
 
 @torch.no_grad()
-def reward(
-    settings: ExploreConfig, novelty: Novelty, seen: list[TensorDictBase]
-) -> TensorDict:
-    """Means per episode of what a memory pays for a walk, and of its births."""
-    paid, tc = settings.reward, novelty.tc
+def compute_rewards(
+    settings: ExploreConfig,
+    world: World,
+    networks: Networks,
+    seen: list[TensorDictBase],
+) -> tuple[float, list[float]]:
+    """The memory's threshold, and means per episode of what a policy is paid.
+
+    The means are those of the intrinsic return, of the new waypoints, and of the
+    spurious ones among them.
+    """
+    method = make_reward(settings, world, networks)
+    config, tc = settings.reward, networks.tc
+    threshold = float(method.modules()[NETWORKS].threshold)
     memory = WaypointMemory(
         lambda views: views.flatten(1),
         tc.compare_prepared,
         prepare=tc.prepare_memory,
-        threshold=float(novelty.threshold),
-        persistence=paid.persistence,
-        min_gap=paid.min_gap,
-        count_on=paid.count_on,
+        threshold=threshold,
+        persistence=config.persistence,
+        min_gap=config.min_gap,
+        count_on=config.count_on,
         in_keys=[VIEW],
     )
-    paying: list[Transform] = [
-        CountReward(paid.alpha),
-        TemporalDistanceReward(1 - paid.alpha, floor=paid.floor, clip=paid.clip),
-        IntrinsicReward(),
-    ]
-    chain = [memory, *paying, WaypointTruth()]
+    # The method's own transforms, but for its memory, which embeds views.
+    transforms = method.make_transforms(num_envs=len(seen[0]), seed=settings.seed)
+    chain = [memory, *transforms[1:]]
     now = seen[0].clone()
     for transform in chain:
         now = transform._reset(TensorDict(batch_size=now.batch_size), now)
@@ -137,10 +152,10 @@ def reward(
         after = data.clone()
         for transform in chain:
             after = transform._step(now, after)
-        counted = (INTRINSIC_REWARD, BORN, FALSE_BIRTH)
+        counted = (INTRINSIC_REWARD, IS_NEW_WAYPOINT, SPURIOUS_WAYPOINT)
         total += torch.stack([after[key].float().squeeze(-1) for key in counted])
         now = after
-    return total.mean(1)
+    return threshold, total.mean(1).tolist()
 
 
 def guarded(config: RewardConfig, changes: dict[str, object]) -> RewardConfig:
@@ -160,30 +175,24 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     networks = load_networks(options.networks)
-    settings = replace(make_settings(options.maze), model=networks.model)
-    walks = {
-        name: record(
-            settings,
-            Novelty(networks.tc),
-            walk,
-            episodes=options.episodes,
-            seed=options.seed,
-        )
-        for name, walk in make_walks(options.maze, options.seed).items()
+    settings = make_settings(options.maze, options.seed).resolved(networks.model)
+    world = make_world(settings)
+    recorded = {
+        name: record(settings, world, networks, policy, episodes=options.episodes)
+        for name, policy in make_policies(world, options.seed).items()
     }
     rows = []
-    for threshold, guard in tqdm(list(product(("auto", "tc"), GUARDS)), desc="guard"):
-        config = replace(settings.reward, threshold=threshold)
-        level = reward_threshold(networks.thresholds, config)
-        changed = replace(settings, reward=guarded(config, GUARDS[guard]))
+    for word, guard in tqdm(list(product(("auto", "tc"), GUARDS)), desc="guard"):
+        config = replace(guarded(settings.reward, GUARDS[guard]), threshold=word)
+        changed = replace(settings, reward=config)
         returns = {}
-        for name, seen in walks.items():
-            found = reward(changed, Novelty(networks.tc, level), seen).tolist()
+        for name, seen in recorded.items():
+            threshold, found = compute_rewards(changed, world, networks, seen)
             returns[name] = found[0]
             coverage = float(seen[-1][COVERAGE].mean())
             rows.append(
                 [
-                    *(options.maze, threshold, round(level, 3), guard, name),
+                    *(options.maze, word, round(threshold, 3), guard, name),
                     *(options.episodes, round(coverage, 3)),
                     *(round(value, 2) for value in found),
                     round(found[0] / returns["expert"], 3),

@@ -1,4 +1,4 @@
-"""What merging waypoints costs: the size of a map, its truth, and walks over it.
+"""What merging waypoints costs: a map's size, its quality, and navigation over it.
 
     python benchmarks/sparse_maps.py --run runs/explore/maze1-... --out sparse.json
 
@@ -23,16 +23,19 @@ from torchrl.envs import EnvBase
 from tqdm import trange
 
 from toponav.builders import (
-    Explored,
-    load_explored,
+    AgentKnowledge,
+    GroundTruth,
+    load_exploration,
     make_goal_places,
-    make_navigator,
+    make_navigation_env,
 )
-from toponav.builders.navigation_goals import make_navigation_env
-from toponav.config import NavigateConfig, register
-from toponav.evaluation import MazeMetric, WaypointPoses, bootstrap, map_quality
+from toponav.config import NavigateConfig
 from toponav.graph import sparsify
+from toponav.ground_truth import WaypointPoses
 from toponav.keys import REWARD
+from toponav.methods import register
+from toponav.methods.navigators import CHOSEN, make_policies
+from toponav.metrics import bootstrap, map_quality
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 _GOAL = 10.0
@@ -48,16 +51,17 @@ def make_settings(run: str, maze: str, length: int) -> NavigateConfig:
     return settings
 
 
-def make_sparse(explored: Explored, tolerance: float) -> dict[str, Any]:
+def make_sparse(
+    knowledge: AgentKnowledge, truth: GroundTruth, tolerance: float
+) -> dict[str, Any]:
     """Merge waypoints in place; size and quality of what is left."""
+    topological_map, poses = knowledge.map, WaypointPoses(truth.poses)
     if tolerance >= 0:
-        poses = WaypointPoses(explored.poses)
-        poses.merge(sparsify(explored.map, tolerance=tolerance))
-        explored.poses = poses.values
-    metric = MazeMetric(torch.as_tensor(explored.layout.open_mask))
-    grown = explored.map
-    cost = grown.edge_cost.amin(1)
-    quality = map_quality(metric, explored.poses, grown.edges, cost, far_cells=3.0)
+        poses.merge(sparsify(topological_map, tolerance=tolerance))
+    cost = topological_map.edge_cost.amin(1)
+    quality = map_quality(
+        truth.distances, poses.values, topological_map.edges, cost, far_cells=3.0
+    )
     return {"tolerance": tolerance, **vars(quality)}
 
 
@@ -91,16 +95,16 @@ def main() -> None:
 
     # One decision more than is played: no episode ends in between.
     settings = make_settings(arguments.run, arguments.maze, arguments.decisions + 1)
-    places = make_goal_places(settings, load_explored(settings))
+    places = make_goal_places(settings, *load_exploration(settings))
     env = make_navigation_env(
         settings.maze, places, envs=arguments.episodes, seed=settings.seed
     )
     rows = []
     try:
         for tolerance in arguments.tolerances:
-            explored = load_explored(settings)
-            row = make_sparse(explored, tolerance)
-            navigator = make_navigator(settings.navigator, explored, seed=settings.seed)
+            knowledge, truth = load_exploration(settings)
+            row = make_sparse(knowledge, truth, tolerance)
+            navigator = make_policies(settings, knowledge, truth)[CHOSEN]
             env.set_seed(settings.seed)
             goals = play(env, navigator, arguments.decisions, name=f"{tolerance:g}")
             rate = bootstrap((goals * 1000 / arguments.decisions).tolist())
@@ -109,14 +113,14 @@ def main() -> None:
             print(json.dumps(row), flush=True)
     finally:
         env.close()
-    told = {
+    entries = {
         "run": Path(arguments.run).name,
         "episodes": arguments.episodes,
         "decisions": arguments.decisions,
         "maps": rows,
         "load": os.getloadavg()[0],
     }
-    words = json.dumps(told, indent=2)
+    words = json.dumps(entries, indent=2)
     print(words)
     if arguments.out:
         arguments.out.write_text(words + "\n")

@@ -13,16 +13,12 @@ runs of several recipes, there is one of each for each of them.
 import sys
 from pathlib import Path
 
-from toponav.builders import (
-    find_runs,
-    report_exploration,
-    report_navigation,
-    report_pretraining,
-    write_text,
-)
 from toponav.config import SettingsError, SweepReportConfig
-from toponav.evaluation import csv_table, markdown_table, summarize_scores
 from toponav.launch import recipe
+from toponav.metrics import csv_table, markdown_table, summarize_scores
+from toponav.plotting import save_figure
+from toponav.reports import report_exploration, report_navigation, report_pretraining
+from toponav.runs import find_runs, write_text
 
 REPORTS = {
     "explore": report_exploration,
@@ -35,31 +31,31 @@ REPORTS = {
 def main(settings: SweepReportConfig, _: Path) -> None:
     """Find the runs, group them, write the table and the figure."""
     folder = Path(settings.folder)
-    found = find_runs(folder)
-    runs = {name: [run for run in found if run.recipe == name] for name in REPORTS}
-    there = [name for name, some in runs.items() if some]
+    runs = find_runs(folder)
+    present = [name for name in REPORTS if any(run.recipe == name for run in runs)]
     texts = []
-    for name in there:
-        report = REPORTS[name](runs[name], title=f"{name}: {folder.name}")
+    for name in present:
+        own = [run for run in runs if run.recipe == name]
+        report = REPORTS[name](own, title=f"{name}: {folder.name}")
         for sentence in report.left_out:
             print(sentence, file=sys.stderr)
-        if not report.figure:
+        if report.figure is None:
             continue
 
         # One file of each kind, or one for each recipe.
-        stem = "report" if len(there) == 1 else f"report_{name}"
+        path = folder / ("report" if len(present) == 1 else f"report_{name}")
         summaries = [summarize_scores(scores) for scores in report.scores]
         heads = {"subject": report.subject, "unit": report.unit}
         table = markdown_table(summaries, **heads)
         left_out = "".join(f"\n- {sentence}" for sentence in report.left_out)
-        write_text(folder / f"{stem}.md", f"{table}{left_out}".rstrip() + "\n")
-        write_text(folder / f"{stem}.csv", csv_table(summaries, **heads))
-        report.figure.savefig(folder / f"{stem}.png", dpi=150)
-        texts.append(f"{table}\nwritten to {folder / stem}.md, .csv and .png")
+        write_text(Path(f"{path}.md"), f"{table}{left_out}".rstrip() + "\n")
+        write_text(Path(f"{path}.csv"), csv_table(summaries, **heads))
+        save_figure(report.figure, f"{path}.png")
+        texts.append(f"{table}\nwritten to {path}.md, .csv and .png")
     if not texts:
-        kinds = " or ".join(REPORTS)
         raise SettingsError(
-            f"folder must hold a finished run of {kinds}, got none in '{folder}'"
+            f"folder must hold a finished run of {' or '.join(REPORTS)}, got none in "
+            f"'{folder}'"
         )
     print("\n\n".join(texts))
 

@@ -1,4 +1,4 @@
-"""Show a maze: its plan, what an agent sees in it, and a walk from goal to goal.
+"""Show a maze: its plan, what an agent sees in it, and a path from goal to goal.
 
     python recipes/tour.py maze=maze3
 
@@ -7,50 +7,53 @@ The run folder (``runs/tour/...``) gets ``plan.png``, ``views.png`` and
 ``walk.mp4`` (or ``walk.gif``).
 """
 
-from functools import partial
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from tqdm import tqdm
 
 from toponav.builders import make_env
 from toponav.config import TourConfig
-from toponav.evaluation import (
-    PathFollower,
+from toponav.keys import CELL, HEADING, PIXELS, POSITION, RESPAWNED, REWARD
+from toponav.launch import recipe
+from toponav.plotting import (
+    FloorPlan,
     PlanRenderer,
     contact_sheet,
     draw_plan,
+    save_figure,
     side_by_side,
     spread_out,
     write_video,
 )
-from toponav.keys import CELL, HEADING, PIXELS, POSITION, RESPAWNED, REWARD
-from toponav.launch import recipe
+from toponav.policies import PathFollower
 
 
-@recipe("tour")
+@recipe("tour", aliases={"scale": "tour"})
 def main(settings: TourConfig, folder: Path) -> None:
     """Draw the plan, walk, and write the pictures and the video."""
-    # The maze, with the truth that the oracle and the pictures need.
+    # The maze, with the ground truth that the oracle and the pictures need.
     env = make_env(settings.maze, seed=settings.seed, privileged=True)
     try:
         first = env.reset()
-        scene, layout = env.scenes[0], env.layout
+        scene, layout, motion = env.scenes[0], env.layout, env.world.motion
+        assert motion is not None  # a maze reports poses
         mask = torch.from_numpy(layout.open_mask)
-        plan = partial(
-            draw_plan,
-            open_mask=mask,
+        plan = FloorPlan(
+            mask,
+            cell_size=motion.cell_size,
             slots=layout.slots,
             closed=scene.blocked,
             start=scene.start,
             goal=scene.goal_cell,
-            apples=[layout.cell_of(*place) for place in scene.apples],
+            apples=[layout.cell_of(*place, motion.cell_size) for place in scene.apples],
         )
 
-        # The oracle's walk: to the goal, from there to the next, and so on.
-        oracle = PathFollower(mask, slot_cells=list(layout.slots.values()))
+        # The oracle walks to the goal, from there to the next, and so on.
+        oracle = PathFollower(
+            mask, world=env.world, slot_cells=list(layout.slots.values())
+        )
         with tqdm(total=settings.decisions, unit="decision", desc="walk") as bar:
             walk = env.rollout(
                 settings.decisions,
@@ -66,22 +69,17 @@ def main(settings: TourConfig, folder: Path) -> None:
     positions, headings = walk[POSITION].numpy(), walk[HEADING].squeeze(-1).numpy()
     views = walk[PIXELS].numpy()
 
-    # The plan alone.
-    figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
-    plan(axes)
-    axes.set_title(f"{layout.name}: {layout.num_cells} cells")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
-    figure.savefig(folder / "plan.png", dpi=150)
+    # The plan alone, and views from places that lie far apart.
+    title = f"{layout.name}: {layout.num_cells} cells"
+    save_figure(draw_plan(plan, title=title), folder / "plan.png")
+    chosen = spread_out(positions, headings, settings.views, cell_size=plan.cell_size)
+    sheet = contact_sheet(views[chosen], positions[chosen], headings[chosen], plan=plan)
+    save_figure(sheet, folder / "views.png")
 
-    # Views from places that lie far apart, and where they were taken.
-    chosen = spread_out(positions, headings, settings.views)
-    sheet = contact_sheet(views[chosen], positions[chosen], headings[chosen], draw=plan)
-    sheet.savefig(folder / "views.png", dpi=150)
-
-    # The walk: first person beside the moving dot.
+    # The walk: first person beside the moving arrow.
     video = folder / f"walk.{settings.video}"
     renderer = PlanRenderer(plan, height=settings.height)
-    frames = side_by_side(views, renderer.walk(positions, headings))
+    frames = side_by_side(views, renderer.render(positions, headings))
     write_video(video, tqdm(frames, total=len(views), unit="frame", desc=video.name))
 
     goals = int(walk["next", *RESPAWNED].sum())

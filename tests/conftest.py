@@ -11,7 +11,7 @@ import pytest
 import torch
 from hypothesis import settings
 
-from toponav.envs.doom import instances
+from toponav.envs.engines.doom import instances
 
 torch.set_num_threads(1)
 # No deadline: a busy machine makes an example late, not wrong. The same examples each

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -10,7 +11,19 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from toponav import keys
+from toponav.worlds import Motion, WorldSpec
 
+#: Its world: the cells, the motion and the actions of the real one, small views.
+WORLD = WorldSpec(
+    view_size=(4, 4),
+    actions=(
+        *("forward", "backward", "left", "right"),
+        *("forward+left", "forward+right"),
+    ),
+    tics_per_decision=4,
+    motion=Motion(cell_size=128.0, step=33.1, turn=20.0),
+    goal_reward=10.0,
+)
 CELL_SIZE = 128.0
 RADIUS = 16.0
 TURN = 5.0  # degrees per tic
@@ -99,6 +112,7 @@ class FakeMaze(EnvBase):
         self.mask, self.slots = parse(layout)
         self.max_decisions = max_decisions
         self.image_size = image_size
+        self.world = replace(WORLD, view_size=image_size)
         self.float_pixels = float_pixels
         closed = torch.tensor([s in blocked for s in self.slots], dtype=torch.bool)
         self.blocked = closed.expand(*self.batch_size, -1).clone()
@@ -141,7 +155,9 @@ class FakeMaze(EnvBase):
         self.observation_spec = Composite(
             {keys.PIXELS: pixels, keys.PRIVILEGED: privileged}, shape=shape
         )
-        self.action_spec = Categorical(6, shape=shape, dtype=torch.int64)
+        self.action_spec = Categorical(
+            WORLD.num_actions, shape=shape, dtype=torch.int64
+        )
         self.reward_spec = Unbounded(shape=(*shape, 1))
         done = Binary(1, shape=(*shape, 1), dtype=torch.bool)
         self.full_done_spec = Composite(

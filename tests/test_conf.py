@@ -1,24 +1,37 @@
 """Every recipe composes, every option of every group is valid and explained."""
 
 import dataclasses
+import importlib
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 from hydra import compose, initialize_config_dir
+from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
-from toponav.config import RECIPES, SettingsError, register
+from toponav.config import RECIPES, SettingsError
+from toponav.launch import folder_name
+from toponav.methods import register
 
 CONF = Path(__file__).parent.parent / "conf"
 FILES = sorted(CONF.rglob("*.yaml"))
 HYDRAS_OWN = {"defaults", "hydra"}
+#: What an option cannot do without.
+NEEDED = {("world", "gym"): ["world.id=CartPole-v1"]}
 
 
 def settings(recipe: str, *overrides: str) -> object:
     register()
+    OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
     with initialize_config_dir(str(CONF), version_base="1.3"):
         return OmegaConf.to_object(compose(recipe, overrides=list(overrides)))
+
+
+def maze_of(recipe: str) -> tuple[str, ...]:
+    """Navigating takes the maze of a run unless one is named."""
+    return ("maze=maze1",) if recipe == "navigate" else ()
 
 
 def options() -> list[tuple[str, str]]:
@@ -26,13 +39,13 @@ def options() -> list[tuple[str, str]]:
     return [
         (path.parent.name, path.stem)
         for path in FILES
-        if path.parent != CONF and path.stem not in ("base", "file")
+        if path.parent.parent == CONF and path.stem not in ("base", "file", "run")
     ]
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_each_recipe_composes_to_its_schema(recipe: str) -> None:
-    assert isinstance(settings(recipe), RECIPES[recipe])
+    assert isinstance(settings(recipe, *maze_of(recipe)), RECIPES[recipe])
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
@@ -48,7 +61,9 @@ def test_each_option_of_each_group_is_valid(group: str, option: str) -> None:
     ]
     assert recipes, f"no recipe uses the group {group}"
     for recipe in recipes:
-        settings(recipe, f"{group}={option}")
+        maze = () if group == "maze" else maze_of(recipe)
+        needed = NEEDED.get((group, option), [])
+        settings(recipe, f"{group}={option}", *maze, *needed)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(CONF)))
@@ -92,3 +107,62 @@ def test_a_maze_file_gives_all_values_of_the_schema() -> None:
 def test_a_value_out_of_range_is_refused(override: str, message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         settings("tour", override)
+
+
+def words_for_hydra(
+    recipe: str, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> list[str]:
+    """What a recipe's script makes of its command line before Hydra reads it."""
+    seen: list[str] = []
+    script = importlib.import_module(f"recipes.{recipe}")
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    monkeypatch.setattr(
+        "hydra.main", lambda **_: lambda _: lambda: seen.extend(sys.argv[1:])
+    )
+    monkeypatch.setattr("sys.argv", [f"{recipe}.py", *words])
+    script.main()
+    return seen
+
+
+@pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
+@pytest.mark.parametrize("recipe", ["explore", "pretrain", "navigate", "tour"])
+def test_each_recipe_composes_at_each_scale(
+    recipe: str, scale: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = (f"scale={scale}", *maze_of(recipe))
+    found = settings(recipe, *words_for_hydra(recipe, words, monkeypatch))
+    usual = settings(recipe, *maze_of(recipe))
+    assert (found == usual) == (scale == "laptop")
+
+
+def test_a_report_has_no_scale() -> None:
+    with pytest.raises(ConfigCompositionException):
+        settings("report", "scale=smoke")
+
+
+@pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
+@pytest.mark.parametrize("loss", ["ppo", "a3c"])
+@pytest.mark.parametrize("reward", ["novelty", "coverage", "random", "rnd"])
+def test_each_method_composes_at_each_scale(scale: str, loss: str, reward: str) -> None:
+    found = settings("explore", f"scale={scale}", f"loss={loss}", f"reward={reward}")
+    assert (found.reward.name, found.loss.name) == (reward, loss)
+
+
+def test_a_scale_changes_what_is_of_one_method_alone() -> None:
+    paper = settings("explore", "scale=paper")
+    assert (paper.loss.name, paper.reward.threshold, paper.reward.persistence) == (
+        "a3c",
+        "tc",
+        1,
+    )
+    # What the command line says comes last.
+    chosen = settings("explore", "scale=paper", "loss=ppo", "reward.threshold=0.5")
+    assert (chosen.loss.name, chosen.reward.threshold) == ("ppo", "0.5")
+    assert settings("explore", "scale=smoke").loss.rollout == 32
+
+
+def test_settings_of_one_method_are_unknown_to_the_others() -> None:
+    for words in (["reward=rnd", "reward.alpha=0.2"], ["loss=a3c", "loss.epochs=3"]):
+        with pytest.raises(ConfigCompositionException):
+            settings("explore", *words)

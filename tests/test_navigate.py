@@ -9,7 +9,7 @@ import imageio.v3 as iio
 import pytest
 from PIL import Image
 
-from tests.builders.explored import make_run
+from tests.explored import make_run, write_map
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "navigate.py"
 
@@ -17,9 +17,7 @@ RECIPE = Path(__file__).parent.parent / "recipes" / "navigate.py"
 def navigate(run: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
     words = [
         f"run={run}",
-        "maze=file",
-        f"maze.path={run / 'ring.txt'}",
-        "navigate=smoke",
+        "scale=smoke",
         *overrides,
     ]
     return subprocess.run(
@@ -75,7 +73,7 @@ def test_a_sweep_over_closed_slots_leaves_tables_pictures_and_videos(run: Path) 
             if name.startswith("decisions_")
         ]
         assert sum(shares) == pytest.approx(1, abs=1e-4)
-        for name in ("success.png", "way.png"):
+        for name in ("success.png", "path.png"):
             assert min(Image.open(folder / name).size) > 300
         assert iio.imread(folder / "walk.mp4").shape[0] == 12
         assert (folder / "summary.md").read_text().startswith("ring, ")
@@ -94,6 +92,18 @@ def test_all_meet_the_same_episodes_and_a_seed_repeats_them(run: Path) -> None:
     assert [row for row in first if row["policy"] == "oracle"] == alone
     again = play("again", "evaluate.policies=[navigator]", "goals.source=map")
     assert [row for row in first if row["policy"] == "navigator"] == again
+
+
+@pytest.mark.slow
+def test_goals_are_played_where_there_are_pictures(tmp_path: Path) -> None:
+    config = make_run(tmp_path)
+    write_map(tmp_path, config, cells=3)
+    done = navigate(tmp_path, "video.decisions=0", "hydra.run.dir=few")
+    assert done.returncode == 0, done.stderr
+    assert "| places_without_picture | 4 " in done.stdout
+    summary = rows(tmp_path / "few" / "summary.csv")
+    assert [row["places_without_picture"] for row in summary] == ["4"] * 3
+    assert float(summary[1]["goals"]) > 0
 
 
 @pytest.mark.slow
@@ -132,6 +142,11 @@ def test_pictures_of_a_walk_that_the_map_has_not_seen(run: Path) -> None:
             ["navigator.patience=3"],
             "navigate: 'navigator.patience' must be a setting of navigate, got none of "
             "that name (did you mean 'navigator.goal_patience'?)",
+        ),
+        (
+            ["navigator=random", "navigator.temperature=0.3"],
+            "navigate: 'navigator.temperature' must go with navigator=topological, got "
+            "another navigator",
         ),
     ],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.builders.sweeps import make_exploration, make_pretraining, make_run
+from tests.sweeps import make_exploration, make_pretraining, make_run
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "report.py"
 
@@ -38,9 +38,9 @@ def test_a_sweep_gets_a_table_and_a_figure(tmp_path: Path) -> None:
 
     names = {path.name for path in set(tmp_path.rglob("*")) - before}
     assert names == {"report.md", "report.csv", "report.png"}
-    table, _, told = (sweep / "report.md").read_text().rpartition("\n\n")
+    table, _, entries = (sweep / "report.md").read_text().rpartition("\n\n")
     assert done.stdout.startswith(table)
-    assert told == f"- {sentence}\n"
+    assert entries == f"- {sentence}\n"
     with (sweep / "report.csv").open(newline="") as file:
         rows = {row["policy"]: row for row in csv.DictReader(file)}
     assert list(rows) == ["best", "last", "random"]

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "tour.py"
-SMALL = ("decisions=12", "views=3", "height=96")
+SMALL = ("scale=smoke",)
 
 
 def tour(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:

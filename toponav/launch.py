@@ -8,7 +8,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
@@ -21,8 +21,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from toponav.config import RECIPES, SettingsError, TrainingError, register
+from toponav.config import RECIPES, SettingsError, TrainingError
 from toponav.envs import EngineError
+from toponav.methods import METHODS, register
 
 Settings = TypeVar("Settings")
 
@@ -33,7 +34,7 @@ _LONGEST_NAME = 200
 
 
 def recipe(
-    name: str, *, first: str | None = None
+    name: str, *, first: str | None = None, aliases: Mapping[str, str] | None = None
 ) -> Callable[[Callable[[Settings, Path], None]], Callable[[], None]]:
     """Make a function of (settings, run folder) the main function of a script.
 
@@ -41,12 +42,13 @@ def recipe(
     and starts sweeps (``-m``). A bad setting is one sentence on standard error and
     exit status 2, before the function is called. SIGTERM ends the run like
     ``sys.exit``, so that ``finally`` blocks do their work. ``resume=<run folder>``
-    goes on in that folder with its settings; what the command line says beside it
+    continues in that folder with its settings; what the command line says beside it
     comes on top.
 
     Args:
         name: the recipe, a key of ``RECIPES``.
         first: a setting that holds a folder, which may be given without its name.
+        aliases: other words of the command line to the settings that they stand for.
     """
 
     def decorate(function: Callable[[Settings, Path], None]) -> Callable[[], None]:
@@ -61,7 +63,7 @@ def recipe(
             register()
             OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
             signal.signal(signal.SIGTERM, _exit)
-            # TorchRL tells of every buffer it makes, on standard output.
+            # TorchRL logs every buffer that it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             # Hydra then raises instead of printing, and the sentence is ours.
             os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -70,6 +72,10 @@ def recipe(
             )(run)
             with _one_sentence(name):
                 arguments = sys.argv[1:]
+                for word, setting in (aliases or {}).items():
+                    arguments = [
+                        re.sub(f"^{word}=", f"{setting}=", given) for given in arguments
+                    ]
                 if first:
                     arguments = named_folder(arguments, first)
                 sys.argv[1:] = resumed_arguments(arguments)
@@ -81,7 +87,7 @@ def recipe(
 
 
 def folder_name(overrides: str) -> str:
-    """One folder's name for what a run of a sweep was told.
+    """One folder's name for the overrides of a run of a sweep.
 
     YAML writes it ``${folder_name:${hydra.job.override_dirname}}``.
 
@@ -187,13 +193,19 @@ def _exit(number: int, _frame: FrameType | None) -> None:
 
 def _sentence(error: Exception, name: str) -> str:
     """What must hold, what was given and the nearest valid choice."""
-    if isinstance(error, SettingsError):
-        return str(error)
+    refusal: BaseException | None = error
+    while refusal is not None:
+        if isinstance(refusal, SettingsError):
+            return str(refusal)
+        # A resolver's own error, which OmegaConf wraps without naming it as the cause.
+        refusal = refusal.__cause__ or refusal.__context__
     text = "\n".join(_messages(error))
     if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
         group, given = found.groups()
         options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
-        choices = [option for option in options if option not in ("base", "schema")]
+        # What options build on is none itself; "run" is navigate's own default.
+        parts = re.compile(r"base|schema|run|\w+_schema")
+        choices = [option for option in options if not parts.fullmatch(option)]
         return (
             f"{group} must be one of {', '.join(choices)}, got '{given}'"
             f"{_hint(given, choices)}"
@@ -201,7 +213,18 @@ def _sentence(error: Exception, name: str) -> str:
     if found := re.search(r"full_key: (\S+)", text):
         key = found.group(1)
         known = list(_keys(RECIPES[name]))
-        if key not in known:
+        owners = _owners(key)
+        if owners and " not in " in text:
+            group = key.split(".")[0]
+            return f"'{key}' must go with {' or '.join(owners)}, got another {group}"
+        if key not in known and not key.startswith("hydra."):
+            known += [
+                one
+                for group, schemas in METHODS.items()
+                if group in known
+                for schema in schemas.values()
+                for one in _keys(schema, f"{group}.")
+            ]
             return f"'{key}' must be a setting of {name}, got none of that name" + (
                 _hint(key, known)
             )
@@ -209,6 +232,16 @@ def _sentence(error: Exception, name: str) -> str:
             return f"{key} must be a list such as [a,b], got something else"
         return f"{key}: {text.splitlines()[0].strip()}"
     return next(line.strip() for line in text.splitlines() if line.strip())
+
+
+def _owners(key: str) -> list[str]:
+    """The methods that have a setting, such as ``reward=novelty``."""
+    group = key.split(".")[0]
+    return [
+        f"{group}={name}"
+        for name, schema in METHODS.get(group, {}).items()
+        if key in _keys(schema, f"{group}.")
+    ]
 
 
 def _messages(error: BaseException | None) -> Iterator[str]:

@@ -4,8 +4,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.builders.models import tiny_model
-from toponav.builders import load_networks, make_networks, save_networks, start_networks
+from tests.models import WORLD, tiny_model
+from toponav.builders import (
+    Networks,
+    load_networks,
+    make_networks,
+    save_networks,
+    start_networks,
+)
 from toponav.config import SettingsError
 from toponav.modules import (
     ConcatComparator,
@@ -13,42 +19,51 @@ from toponav.modules import (
     ResNet18,
     SmallEncoder,
 )
+from toponav.worlds import WorldSpec
 
+OTHER_WORLD = WorldSpec(view_size=(64, 48), actions=("left", "right"))
 VIEWS = torch.randint(0, 256, (3, 60, 80, 3), dtype=torch.uint8)
+
+
+def tiny_networks(**changes: object) -> Networks:
+    return make_networks(tiny_model(**changes), WORLD)
 
 
 @pytest.fixture
 def saved(tmp_path: Path) -> Path:
-    networks = make_networks(tiny_model())
+    networks = tiny_networks()
     networks.thresholds = {"tc_threshold": 0.9}
     save_networks(networks, tmp_path / "networks.pt")
     return tmp_path / "networks.pt"
 
 
 def test_every_choice_of_the_settings_is_made() -> None:
-    networks = make_networks(tiny_model(comparator="concat", share_encoder=False))
+    networks = make_networks(
+        tiny_model(comparator="concat", share_encoder=False), WORLD
+    )
     assert isinstance(networks.tc.comparator, ConcatComparator)
     assert networks.tc.encoder is not networks.locomotion.encoder
-    networks = make_networks(tiny_model())
+    networks = tiny_networks()
     assert isinstance(networks.tc.comparator, DifferenceComparator)
     assert isinstance(networks.tc.encoder, SmallEncoder)
     assert networks.tc.encoder is networks.locomotion.encoder
-    networks = make_networks(tiny_model(encoder="resnet18", share_encoder=False))
+    networks = tiny_networks(encoder="resnet18", share_encoder=False)
     assert isinstance(networks.locomotion.encoder, ResNet18)
 
 
 def test_a_shared_encoder_counts_once() -> None:
     def count(*, shared: bool) -> int:
-        networks = make_networks(tiny_model(share_encoder=shared))
+        networks = tiny_networks(share_encoder=shared)
         return sum(p.numel() for p in networks.modules.parameters())
 
-    encoder = sum(p.numel() for p in SmallEncoder(16).parameters())
-    assert count(shared=False) - count(shared=True) == encoder
+    encoder = SmallEncoder(16, image_size=WORLD.view_size)
+    num_weights = sum(p.numel() for p in encoder.parameters())
+    assert count(shared=False) - count(shared=True) == num_weights
 
 
 @pytest.mark.parametrize("share_encoder", [True, False])
 def test_what_was_saved_is_what_is_loaded(tmp_path: Path, share_encoder: bool) -> None:
-    networks = make_networks(tiny_model(share_encoder=share_encoder))
+    networks = tiny_networks(share_encoder=share_encoder)
     networks.tc(VIEWS, VIEWS)  # moves the statistics of batch normalisation
     networks.thresholds = {"tc_threshold": 0.9, "tc_reach": 0.7}
     save_networks(networks, tmp_path / "networks.pt")
@@ -65,8 +80,7 @@ def test_what_was_saved_is_what_is_loaded(tmp_path: Path, share_encoder: bool) -
 
 def test_training_starts_where_an_earlier_one_ended(saved: Path) -> None:
     earlier = load_networks(saved)
-    networks = start_networks(tiny_model(), str(saved))
-    assert networks.tc.training
+    networks = start_networks(tiny_model(), WORLD, str(saved))
     for name, weight in networks.modules.state_dict().items():
         assert torch.equal(weight, earlier.modules.state_dict()[name]), name
 
@@ -111,4 +125,39 @@ def test_networks_of_another_model_are_refused(saved: Path) -> None:
     with pytest.raises(
         SettingsError, match=r"init_from .* model.comparator=concat, got difference"
     ):
-        start_networks(tiny_model(comparator="concat"), str(saved))
+        start_networks(tiny_model(comparator="concat"), WORLD, str(saved))
+
+
+def test_networks_are_made_for_the_views_and_actions_of_their_world(
+    tmp_path: Path,
+) -> None:
+    networks = make_networks(tiny_model(), OTHER_WORLD)
+    views = torch.zeros(3, *OTHER_WORLD.view_size, 3, dtype=torch.uint8)
+    assert networks.locomotion(views, views).shape == (3, 2)
+    save_networks(networks, tmp_path / "networks.pt")
+    loaded = load_networks(tmp_path)
+    assert (loaded.view_size, loaded.num_actions) == ((64, 48), 2)
+
+
+def test_networks_of_another_world_are_refused(saved: Path) -> None:
+    sentence = (
+        "pretrained must name networks for views of 64 x 48 pixels and 2 actions, "
+        "got some for views of 120 x 160 pixels and 6 actions"
+    )
+    with pytest.raises(SettingsError, match=sentence):
+        load_networks(saved, setting="pretrained", world=OTHER_WORLD)
+
+
+def test_files_that_name_no_world_are_of_the_mazes(saved: Path) -> None:
+    state = torch.load(saved, weights_only=True)
+    del state["view_size"], state["num_actions"]
+    torch.save(state, saved)
+    assert load_networks(saved, world=WORLD).view_size == (120, 160)
+    with pytest.raises(SettingsError, match="got some for views of 120 x 160 pixels"):
+        load_networks(saved, world=OTHER_WORLD)
+
+
+def test_views_that_the_encoder_cannot_read_are_refused() -> None:
+    world = WorldSpec(view_size=(63, 48), actions=("left", "right"))
+    with pytest.raises(SettingsError, match=r"model.encoder=small: .* must be even"):
+        make_networks(tiny_model(), world)

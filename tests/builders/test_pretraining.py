@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.builders.exploring import explore_settings
+from tests.exploring import explore_settings, world_of
+from tests.models import WORLD
 from tests.test_conf import settings
 from toponav.builders import load_networks, make_networks, prepare_networks
 from toponav.builders.networks import save_networks
@@ -27,7 +28,7 @@ LEAVE = "shutil.copy({networks!r}, folder / 'networks.pt')"
 @pytest.fixture
 def config(tmp_path: Path) -> ExploreConfig:
     found = explore_settings(f"pretraining.folder={tmp_path}/pretrain")
-    networks = make_networks(found.model)
+    networks = make_networks(found.model, WORLD)
     networks.thresholds = {"reward_threshold": 0.5}
     save_networks(networks, tmp_path / "made.pt")
     (tmp_path / "run").mkdir()
@@ -47,14 +48,14 @@ def test_a_pretraining_with_the_same_settings_is_found_again(
 ) -> None:
     script = write_script(tmp_path)
     for _ in range(2):
-        networks = prepare_networks(config, tmp_path / "run", script)
+        networks = prepare_networks(config, world_of(config), tmp_path / "run", script)
         assert networks.thresholds == {"reward_threshold": 0.5}
     assert (tmp_path / "noted").read_text() == "maze=maze3\n"
     assert load_networks(tmp_path / "run").model == config.model
     other = explore_settings(
         f"pretraining.folder={tmp_path}/pretrain", "pretraining.seed=1"
     )
-    prepare_networks(other, tmp_path / "run", script)
+    prepare_networks(other, world_of(other), tmp_path / "run", script)
     assert (tmp_path / "noted").read_text() == "maze=maze3\nmaze=maze3\n"
 
 
@@ -96,8 +97,8 @@ def test_another_maze_can_be_the_one_to_pretrain_in() -> None:
 def test_one_that_was_cut_off_goes_on(config: ExploreConfig, tmp_path: Path) -> None:
     script = write_script(tmp_path, "(folder / 'checkpoint.pt').touch(); sys.exit(3)")
     with pytest.raises(TrainingError, match="must end well, got exit status 3"):
-        prepare_networks(config, tmp_path / "run", script)
-    prepare_networks(config, tmp_path / "run", write_script(tmp_path))
+        prepare_networks(config, world_of(config), tmp_path / "run", script)
+    prepare_networks(config, world_of(config), tmp_path / "run", write_script(tmp_path))
     first, second = (tmp_path / "noted").read_text().split()
     assert first == "maze=maze3"
     assert second.startswith(f"resume='{tmp_path}/pretrain/maze3-smoke-")
@@ -105,12 +106,21 @@ def test_one_that_was_cut_off_goes_on(config: ExploreConfig, tmp_path: Path) -> 
 
 def test_one_that_leaves_nothing_is_told(config: ExploreConfig, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="must end with networks, got none"):
-        prepare_networks(config, tmp_path / "run", write_script(tmp_path, "pass"))
+        prepare_networks(
+            config, world_of(config), tmp_path / "run", write_script(tmp_path, "pass")
+        )
 
 
 def test_a_run_that_goes_on_keeps_its_networks(tmp_path: Path) -> None:
     config = explore_settings(f"resume={tmp_path}", "pretrained=gone")
-    save_networks(make_networks(config.model), tmp_path / "networks.pt")
-    assert prepare_networks(config, tmp_path, Path(sys.executable)).thresholds == {}
+    save_networks(make_networks(config.model, WORLD), tmp_path / "networks.pt")
+    assert (
+        prepare_networks(
+            config, world_of(config), tmp_path, Path(sys.executable)
+        ).thresholds
+        == {}
+    )
     with pytest.raises(SettingsError, match="pretrained must name a run with gone"):
-        prepare_networks(config, tmp_path / "other", Path(sys.executable))
+        prepare_networks(
+            config, world_of(config), tmp_path / "other", Path(sys.executable)
+        )

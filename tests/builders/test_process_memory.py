@@ -35,7 +35,7 @@ def count_faults(how: str) -> int:
 @pytest.mark.slow
 @pytest.mark.skipif(not keep_freed_memory(), reason="the C library is not glibc")
 def test_freed_blocks_are_used_again() -> None:
-    # 20 blocks of 8192 pages of 4 KiB: the system gives each of them anew, or one or
-    # two of them once.
+    # 20 blocks of 8192 pages of 4 KiB: the system hands out each of them every
+    # time, or one or two of them once.
     assert count_faults("return") > 20 * 8192 / 2
     assert count_faults("keep") <= 2 * 8192

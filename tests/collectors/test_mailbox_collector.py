@@ -66,21 +66,21 @@ def test_a_batch_says_which_weights_made_it(use_buffers: bool) -> None:
         collector.shutdown()
 
 
-def test_embeddings_are_made_anew_when_and_only_when_the_networks_changed() -> None:
+def test_embeddings_are_computed_again_only_when_networks_changed() -> None:
     mailbox = make_mailbox()
     collector = make_collector(mailbox)
-    told = []
+    entries = []
     try:
         for batch in collector:
-            told += batch["next", "networks_say"][..., 2].unique().tolist()
-            if len(told) == 4:
+            entries += batch["next", "networks_say"][..., 2].unique().tolist()
+            if len(entries) == 4:
                 break
             publish(mailbox, "policy")
-            if len(told) in (1, 3):
+            if len(entries) in (1, 3):
                 publish(mailbox, "networks")
     finally:
         collector.shutdown()
-    assert told == [0, 1, 1, 2]
+    assert entries == [0, 1, 1, 2]
 
 
 def test_environments_are_numbered_over_all_workers() -> None:

@@ -22,12 +22,12 @@ def test_a_caller_who_is_busy_loses_no_decision() -> None:
     steps: dict[int, list[int]] = defaultdict(list)
     try:
         for number, batch in enumerate(collector):
-            told = zip(
+            entries = zip(
                 batch[TRAJECTORY].flatten().tolist(),
                 batch["step_count"].flatten().tolist(),
                 strict=True,
             )
-            for trajectory, step in told:
+            for trajectory, step in entries:
                 steps[trajectory].append(step)
             # Longer than TorchRL waits for room in its queue.
             time.sleep(1.5 if number < 3 else 0)

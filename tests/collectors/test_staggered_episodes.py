@@ -37,7 +37,7 @@ def test_an_episode_that_ends_by_itself_needs_no_cut() -> None:
     assert ends(make_env(2, length=20), 30) == [[10, 22], [12, 24]]
 
 
-def test_a_reset_of_all_begins_anew() -> None:
+def test_a_reset_of_all_starts_from_the_beginning() -> None:
     env = make_env(2)
     assert ends(env, 20) == [[6, 18], [12]]
     assert ends(env, 20) == [[6, 18], [12]]

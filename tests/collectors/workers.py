@@ -59,7 +59,7 @@ class EchoPolicy(TensorDictModuleBase):
 
 
 class EchoTransform(Transform):
-    """Says which weights it has, and how often it was told that they are new."""
+    """Says which weights it has, and how often it was notified of new ones."""
 
     def __init__(self) -> None:
         super().__init__(in_keys=["previous_reward"], out_keys=["previous_reward"])

@@ -15,14 +15,10 @@ from tests.data.test_episodes import TRAJECTORY, make_frames
 from toponav.data import Chunks, EpisodeSampler, LPairs, SplitPairs, TCPairs
 
 
-def make_buffer(
-    storage: Storage, *, trajectory: bool = False, seed: int = 0
-) -> TensorDictReplayBuffer:
+def make_buffer(storage: Storage, *, seed: int = 0) -> TensorDictReplayBuffer:
     buffer = TensorDictReplayBuffer(
         storage=storage,
-        sampler=EpisodeSampler(
-            TCPairs(), trajectory_key=TRAJECTORY if trajectory else None
-        ),
+        sampler=EpisodeSampler(TCPairs()),
         batch_size=64,
     )
     buffer.set_rng(torch.Generator().manual_seed(seed))
@@ -39,25 +35,21 @@ def check_pairs(pairs: TensorDict) -> None:
     assert bool((distance[~close] >= 20).all())
 
 
-@pytest.mark.parametrize("trajectory", [False, True])
 @pytest.mark.parametrize("kind", [LazyTensorStorage, LazyMemmapStorage])
-def test_pairs_come_from_a_flat_ring(kind: type[Storage], trajectory: bool) -> None:
-    buffer = make_buffer(kind(100), trajectory=trajectory)
+def test_pairs_come_from_a_flat_ring(kind: type[Storage]) -> None:
+    buffer = make_buffer(kind(100))
     for episode in range(10):
         buffer.extend(make_frames([25 + episode], episode))
         check_pairs(buffer.sample())
 
 
-@pytest.mark.parametrize("trajectory", [False, True])
 @pytest.mark.parametrize("kind", [LazyTensorStorage, LazyMemmapStorage])
 def test_pairs_come_from_a_storage_of_several_environments(
-    kind: type[Storage], trajectory: bool
+    kind: type[Storage],
 ) -> None:
     buffer = TensorDictReplayBuffer(
         storage=kind(2 * 60, ndim=2),
-        sampler=EpisodeSampler(
-            TCPairs(), trajectory_key=TRAJECTORY if trajectory else None
-        ),
+        sampler=EpisodeSampler(TCPairs()),
         batch_size=64,
         dim_extend=1,
     )
@@ -96,7 +88,7 @@ def test_a_write_is_seen_by_the_next_sample(kind: type[ReplayBuffer]) -> None:
     assert bool((buffer.sample()[TRAJECTORY] == 2).any())
 
 
-def test_a_loaded_buffer_is_read_anew(tmp_path: Path) -> None:
+def test_a_loaded_buffer_is_read_again(tmp_path: Path) -> None:
     first = make_buffer(LazyTensorStorage(200))
     first.extend(make_frames([40, 60, 30]))
     first.dumps(tmp_path)
@@ -108,7 +100,7 @@ def test_a_loaded_buffer_is_read_anew(tmp_path: Path) -> None:
     check_pairs(second.sample())
 
 
-def test_an_emptied_buffer_is_read_anew() -> None:
+def test_an_emptied_buffer_is_read_again() -> None:
     buffer = make_buffer(LazyTensorStorage(100))
     buffer.extend(make_frames([100]))
     buffer.sample()
@@ -131,7 +123,7 @@ def test_prefetching_threads_work() -> None:
 
 def test_split_pairs_makes_views_and_labels() -> None:
     frames = make_frames([60])
-    frames["pixels"] = frames["step_count"].to(torch.uint8).reshape(60, 1, 1, 1)
+    frames["network_pixels"] = frames["step_count"].to(torch.uint8).reshape(60, 1, 1, 1)
     frames["action"] = torch.arange(60)
     buffer = TensorDictReplayBuffer(
         storage=LazyTensorStorage(60),
@@ -142,7 +134,7 @@ def test_split_pairs_makes_views_and_labels() -> None:
     buffer.extend(frames)
     pairs = buffer.sample()
     assert pairs.shape == (8,)
-    assert pairs.get("pixels", None) is None
+    assert pairs.get("network_pixels", None) is None
     distance = pairs["other"].flatten().int() - pairs["anchor"].flatten().int()
     assert bool(((distance >= 1) & (distance <= 4)).all())
     # The action is the anchor's: here the action's number is the step's.

@@ -2,8 +2,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from tensordict import TensorDict
 from torchrl.data import LazyMemmapStorage, LazyTensorStorage, ReplayBuffer
 
@@ -18,12 +17,10 @@ def make_frames(lengths: list[int], first: int = 0) -> TensorDict:
         torch.arange(first, first + len(lengths)), torch.tensor(lengths)
     )
     step = torch.cat([torch.arange(length) for length in lengths])
-    done = torch.cat([torch.arange(n) == n - 1 for n in lengths]).unsqueeze(-1)
     return TensorDict(
         {
             "collector": {"traj_ids": episode},
             "step_count": step.unsqueeze(-1),
-            "next": {"done": done},
         },
         [len(step)],
     )
@@ -57,15 +54,14 @@ lengths = st.lists(st.integers(1, 12), min_size=1, max_size=12)
 
 @settings(max_examples=60, deadline=None)
 @given(lengths=lengths, capacity=st.integers(1, 60), block=st.integers(1, 9))
-@pytest.mark.parametrize("key", [None, TRAJECTORY])
 def test_runs_of_a_ring_buffer_never_mix_episodes(
-    key: tuple[str, str] | None, lengths: list[int], capacity: int, block: int
+    lengths: list[int], capacity: int, block: int
 ) -> None:
     buffer = ReplayBuffer(storage=LazyTensorStorage(capacity))
     frames = make_frames(lengths)
     for part in frames.split(min(block, capacity)):
         buffer.extend(part)
-    episodes = find_episodes(buffer.storage, trajectory_key=key)
+    episodes = find_episodes(buffer.storage)
     check_runs(read(buffer, episodes), min(capacity, len(frames)))
 
 
@@ -88,9 +84,7 @@ def test_runs_of_several_environments_never_mix(
     for part in rollout.split(block, dim=1):
         buffer.extend(part)
     kept = min(rows, num_steps) * num_envs
-    for key in (None, TRAJECTORY):
-        episodes = find_episodes(buffer.storage, trajectory_key=key)
-        check_runs(read(buffer, episodes), kept)
+    check_runs(read(buffer, find_episodes(buffer.storage)), kept)
 
 
 def test_writers_that_take_turns_are_told_apart_by_trajectory(
@@ -103,7 +97,7 @@ def test_writers_that_take_turns_are_told_apart_by_trajectory(
     ):
         buffer.extend(one)
         buffer.extend(two)
-    episodes = find_episodes(buffer.storage, trajectory_key=TRAJECTORY)
+    episodes = find_episodes(buffer.storage)
     runs = read(buffer, episodes)
     check_runs(runs, 40)
     # 64 frames were written and 40 kept: of each writer the last 20.
@@ -118,7 +112,7 @@ def test_runs_of_an_episode_with_a_gap_share_their_group() -> None:
     frames = make_frames([3, 9])
     buffer = ReplayBuffer(storage=LazyTensorStorage(20))
     buffer.extend(torch.cat([frames[:7], frames[9:]]))
-    episodes = find_episodes(buffer.storage, trajectory_key=TRAJECTORY)
+    episodes = find_episodes(buffer.storage)
     assert episodes.length.tolist() == [3, 4, 3]
     assert episodes.first_step.tolist() == [0, 0, 6]
     assert episodes.group_start.tolist() == [0, 3, 3]
@@ -130,20 +124,18 @@ def test_a_repeated_trajectory_number_is_refused() -> None:
     buffer.extend(make_frames([5]))
     buffer.extend(make_frames([5]))
     with pytest.raises(ValueError, match="must be unique in the storage, got two"):
-        find_episodes(buffer.storage, trajectory_key=TRAJECTORY)
+        find_episodes(buffer.storage)
 
 
 @pytest.mark.filterwarnings("ignore:Loading the storage:UserWarning")
-def test_a_full_ring_that_was_loaded_has_no_seam(tmp_path: Path) -> None:
-    # TorchRL does not save where a ring was written last.
+def test_a_full_ring_that_was_loaded_is_read(tmp_path: Path) -> None:
+    # TorchRL does not save where a ring was written last: nobody needs it.
     first, second = (ReplayBuffer(storage=LazyTensorStorage(20)) for _ in range(2))
     first.extend(make_frames([12]))
     first.extend(make_frames([30], 1)[:13])
     first.dumps(tmp_path)
     second.loads(tmp_path)
-    with pytest.raises(ValueError, match="must know its last write"):
-        find_episodes(second.storage)
-    episodes = find_episodes(second.storage, trajectory_key=TRAJECTORY)
+    episodes = find_episodes(second.storage)
     assert episodes.length.tolist() == [7, 13]
 
 

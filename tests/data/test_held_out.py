@@ -3,14 +3,14 @@ import torch
 from tensordict import TensorDict
 
 from toponav.data import HeldOut, LPairs, TCPairs
-from toponav.keys import ACTION, HEADING, PIXELS, POSITION
+from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, POSITION
 
 
 def make_held_out(episodes: int = 3, length: int = 50) -> HeldOut:
     number = torch.arange(episodes * length).reshape(episodes, length)
     data = TensorDict(
         {
-            PIXELS: torch.zeros(episodes, length, 2, 2, 3, dtype=torch.uint8),
+            NETWORK_PIXELS: torch.zeros(episodes, length, 2, 2, 3, dtype=torch.uint8),
             ACTION: number % 6,
             POSITION: torch.stack([number, -number], -1).float(),
             HEADING: number.float().unsqueeze(-1),

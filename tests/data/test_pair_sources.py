@@ -5,7 +5,15 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from toponav.data import Chunks, DrawnPairs, LPairs, MinedPairs, TCPairs
 from toponav.data.pair_sources import keep_some
-from toponav.keys import ACTION, ANCHOR, LABEL, OTHER, PIXELS, TRAJECTORY, WEIGHT
+from toponav.keys import (
+    ACTION,
+    ANCHOR,
+    LABEL,
+    NETWORK_PIXELS,
+    OTHER,
+    TRAJECTORY,
+    WEIGHT,
+)
 
 LENGTH = 60
 
@@ -16,7 +24,7 @@ def frames(episodes: range) -> TensorDict:
     episode = torch.tensor(list(episodes)).repeat_interleave(LENGTH)
     pixels = torch.zeros(len(step), 2, 2, 3, dtype=torch.uint8)
     pixels[:, 0, 0, 0], pixels[:, 0, 0, 1] = episode, step
-    data = TensorDict({PIXELS: pixels, ACTION: step % 6}, [len(step)])
+    data = TensorDict({NETWORK_PIXELS: pixels, ACTION: step % 6}, [len(step)])
     data[TRAJECTORY], data["step_count"] = episode, step
     return data
 

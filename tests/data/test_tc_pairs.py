@@ -1,7 +1,6 @@
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from tensordict import TensorDict
 
 from toponav.data import Chunks, Episodes, TCPairs
@@ -124,7 +123,6 @@ def test_too_short_a_buffer_is_refused_with_the_nearest_choice() -> None:
         ({"max_action_distance": 0}, "max_action_distance must be at least 1, got 0"),
         ({"negative_sample_multiplier": 1}, "must be at least 2, got 1"),
         ({"other_episode_share": 1.5}, r"must lie in \[0, 1\], got 1.5"),
-        ({"max_negatives": 0}, "max_negatives must be at least 1, got 0"),
     ],
 )
 def test_arguments_are_checked(arguments: dict[str, int], match: str) -> None:
@@ -175,7 +173,7 @@ def test_mined_weights_make_the_classes_equal_and_the_distances_uniform() -> Non
         Episodes.from_lengths([100] * 20), 160, generator()
     )
     frames = TensorDict({**extra, "embedding": extra[STEP].unsqueeze(-1)}, place.shape)
-    rule = TCPairs(other_episode_share=0.25, max_negatives=300)
+    rule = TCPairs(other_episode_share=0.25)
     pairs = rule.mine(frames, generator=generator())
     label, weight = pairs["label"], pairs["weight"]
     distance = (pairs["anchor"] - pairs["other"]).abs().squeeze(-1)
@@ -184,10 +182,11 @@ def test_mined_weights_make_the_classes_equal_and_the_distances_uniform() -> Non
     for k in range(1, 5):
         close = (label == 1) & (distance == k)
         assert weight[close].sum() == pytest.approx(0.125)
-    # 300 of one episode share 3/8, 300 of two share 1/8.
-    assert (label == 0).sum() == 600
-    values = weight[label == 0].unique()
-    torch.testing.assert_close(values, torch.tensor([0.125 / 300, 0.375 / 300]))
+    # Negatives of one episode share 3/8, as many of two share 1/8.
+    num = int((label == 0).sum()) // 2
+    values, counts = weight[label == 0].unique(return_counts=True)
+    torch.testing.assert_close(values, torch.tensor([0.125 / num, 0.375 / num]))
+    assert counts.tolist() == [num, num]
 
 
 def test_a_chunk_of_five_gives_ten_positives() -> None:
@@ -197,7 +196,7 @@ def test_a_chunk_of_five_gives_ten_positives() -> None:
     assert len(pairs) == 20
 
 
-def test_mined_order_is_a_coin_s_throw() -> None:
+def test_mined_order_is_random() -> None:
     frames = make_frames([0] * 300, list(range(300)))
     pairs = TCPairs().mine(frames, generator=generator())
     close = pairs["label"] == 1

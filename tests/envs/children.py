@@ -16,14 +16,14 @@ import json, os, signal, sys, threading, time
 from pathlib import Path
 from tests.envs.layouts import GATE, LANE
 from toponav.envs import DoomMazeEnv
-from toponav.envs.doom import instances
+from toponav.envs.engines.doom import instances
 
 # A shell that starts the tests in the background lets them ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-def tell(*envs):
+def report(*envs):
     '''Engines' process and instance numbers, then wait for a line.'''
-    engines = [game.engine for env in envs for game in env._fleet._games]
+    engines = [game.engine for env in envs for game in env.games._games]
     found = {
         "pids": [engine.pid for engine in engines],
         "ids": [engine.game.get_instance_id() for engine in engines],
@@ -34,10 +34,10 @@ def tell(*envs):
 
 
 class Child:
-    """A Python process that runs a script after ``tell`` and some imports.
+    """A Python process that runs a script after ``report`` and some imports.
 
     Args:
-        script: what it does; it must call ``tell`` once.
+        script: what it does; it must call ``report`` once.
         cwd: its working directory.
     """
 
@@ -55,9 +55,9 @@ class Child:
         if not line:
             self.process.kill()
             raise AssertionError(self.process.communicate(timeout=60)[1])
-        told = json.loads(line)
-        self.pids: list[int] = told["pids"]
-        self.ids: list[str] = told["ids"]
+        entries = json.loads(line)
+        self.pids: list[int] = entries["pids"]
+        self.ids: list[str] = entries["ids"]
 
     @property
     def _stdout(self):
@@ -65,7 +65,7 @@ class Child:
         return self.process.stdout
 
     def go_on(self) -> None:
-        """Let the script run on after ``tell``."""
+        """Let the script run on after ``report``."""
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
@@ -92,7 +92,7 @@ class Child:
 
 
 def run(script: str, cwd: Path = REPOSITORY, before: str = "") -> str:
-    """Run a script without engines to tell of; returns its standard output.
+    """Run a script without engines to report; returns its standard output.
 
     ``before`` comes ahead of the imports.
     """

@@ -12,9 +12,15 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from toponav.envs.doom import sprites, textures
-from toponav.envs.doom.palette import PALETTE, colormap, colour_index, playpal, quantise
-from toponav.envs.doom.png import encode_png
+from toponav.envs.engines.doom.art import sprites, textures
+from toponav.envs.engines.doom.art.palette import (
+    PALETTE,
+    colormap,
+    colour_index,
+    playpal,
+    quantise,
+)
+from toponav.envs.engines.doom.art.png import encode_png
 
 Picture = NDArray[np.uint8]
 Draw = Callable[[np.random.Generator], Picture]

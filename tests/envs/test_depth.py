@@ -10,11 +10,21 @@ from numpy.typing import NDArray
 from tests.envs.layouts import GATE, HALL, LANE, RING
 from toponav.envs import Layout, load_maze
 from toponav.envs.depth import DepthCaster
-from toponav.envs.doom.game import MazeGame
-from toponav.envs.scene import Pose, SceneRules, draw_scene
+from toponav.envs.engines.doom.game import MazeGame
+from toponav.envs.engines.doom.spec import CAMERA, CELL_SIZE
+from toponav.envs.scene import Pose, Scene, SceneRules, draw_scene
 
 # The engine's depth has 8 bits; one level is so many map units.
 UNITS_PER_LEVEL = 7.43
+
+
+def caster_of(layout: Layout, size: tuple[int, int]) -> DepthCaster:
+    return DepthCaster(layout, size, camera=CAMERA, cell_size=CELL_SIZE)
+
+
+def draw(layout: Layout, closed: str, generator: np.random.Generator) -> Scene:
+    rules = SceneRules(blocked=tuple(closed))
+    return draw_scene(layout, rules, generator, cell_size=CELL_SIZE)
 
 
 def cast(
@@ -25,7 +35,7 @@ def cast(
 ) -> NDArray[np.float32]:
     x, y, heading = (np.array([value]) for value in pose)
     shut = None if closed is None else np.array([closed])
-    return DepthCaster(layout, size).cast(x, y, heading, shut)[0]
+    return caster_of(layout, size).cast(x, y, heading, shut)[0]
 
 
 class TestByHand:
@@ -67,7 +77,7 @@ class TestByHand:
 
     def test_each_row_of_a_batch_has_its_own_doors(self) -> None:
         place, heading = np.full(2, 192.0), np.zeros(2)
-        caster = DepthCaster(GATE, (1, 1))
+        caster = caster_of(GATE, (1, 1))
         both = caster.cast(place, place, heading, np.array([[True], [False]]))
         np.testing.assert_allclose(both[:, 0, 0], [64.0, 448.0])
 
@@ -78,8 +88,8 @@ class TestByHand:
 
     def test_no_depth_is_farther_than_the_sky(self) -> None:
         layout = load_maze("maze3")
-        caster = DepthCaster(layout, (24, 32))
-        x, y = np.array([layout.centre(cell) for cell in layout.cells]).T
+        caster = caster_of(layout, (24, 32))
+        x, y = np.array([layout.centre(cell, CELL_SIZE) for cell in layout.cells]).T
         for heading in range(0, 360, 30):
             depth = caster.cast(x, y, np.full(len(x), float(heading)))
             assert depth.min() > 0
@@ -89,7 +99,7 @@ class TestByHand:
 @pytest.mark.parametrize("size", [(0, 4), (4, 0), (-1, -1)])
 def test_a_picture_without_pixels_is_refused(size: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match=r"sides of at least 1, got \("):
-        DepthCaster(LANE, size)
+        caster_of(LANE, size)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +115,7 @@ def test_the_engine_measures_the_same(maze1: MazeGame, closed: str) -> None:
     doors = [letter in closed for letter in layout.slots]
     errors = []
     for _ in range(25):
-        scene = draw_scene(layout, SceneRules(blocked=tuple(closed)), generator)
+        scene = draw(layout, closed, generator)
         maze1.reset(scene)
         exact = cast(layout, (120, 160), maze1.pose, doors)
         # Farther away the engine's walls saturate, and its sky holds anything.
@@ -121,11 +131,10 @@ def test_the_engine_measures_the_same(maze1: MazeGame, closed: str) -> None:
 def test_the_engine_sees_through_an_open_door_only(maze1: MazeGame) -> None:
     # One cell south of slot a, facing it: its edge is 64 away.
     row, column = maze1.layout.slots["a"]
-    pose = Pose(*maze1.layout.centre((row + 1, column)), 90.0)
+    pose = Pose(*maze1.layout.centre((row + 1, column), CELL_SIZE), 90.0)
     ahead = {}
     for closed in ("", "a"):
-        rules = SceneRules(blocked=tuple(closed))
-        maze1.reset(draw_scene(maze1.layout, rules, np.random.default_rng(0)))
+        maze1.reset(draw(maze1.layout, closed, np.random.default_rng(0)))
         maze1.place(pose)
         ahead[closed] = engine_depth(maze1)[60, 80]
         exact = cast(maze1.layout, (1, 1), pose, [closed == "a", False])[0, 0]

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import toponav.envs
-from toponav.envs import MAZES, DoomMazeEnv, EngineLostError, MazeEnv, load_maze
+from toponav.envs import MAZES, DoomMazeEnv, EngineLostError, MazeGymEnv, load_maze
 
 IDS = [f"toponav/{name.capitalize()}-v0" for name in MAZES]
 
@@ -27,7 +27,7 @@ def test_gymnasiums_checker_passes_without_a_warning(env_id: str) -> None:
 
 
 def test_its_episodes_are_those_of_row_0_of_the_batched_environment() -> None:
-    env = MazeEnv("maze1", apples=3, goal=True)
+    env = MazeGymEnv("maze1", apples=3, goal=True)
     batch = DoomMazeEnv(
         load_maze("maze1"), batch_size=2, apples=3, goal=True, privileged=True, seed=5
     )
@@ -50,7 +50,7 @@ def test_its_episodes_are_those_of_row_0_of_the_batched_environment() -> None:
 
 
 def test_only_the_clock_ends_an_episode() -> None:
-    env = MazeEnv("maze2", episode_length=3)
+    env = MazeGymEnv("maze2", episode_length=3)
     try:
         env.reset(seed=0)
         ends = [env.step(np.int64(2))[2:4] for _ in range(3)]
@@ -59,8 +59,8 @@ def test_only_the_clock_ends_an_episode() -> None:
         env.close()
 
 
-def test_a_reset_with_a_seed_begins_the_stream_anew() -> None:
-    env = MazeEnv("maze3")
+def test_a_reset_with_a_seed_begins_the_stream_again() -> None:
+    env = MazeGymEnv("maze3")
     try:
         first, _ = env.reset(seed=9)
         second, _ = env.reset()
@@ -74,7 +74,7 @@ def test_a_reset_with_a_seed_begins_the_stream_anew() -> None:
 def test_a_layout_file_is_a_maze(tmp_path) -> None:
     path = tmp_path / "lane.txt"
     path.write_text("*****\n*   *\n*****\n")
-    env = MazeEnv(str(path))
+    env = MazeGymEnv(str(path))
     try:
         assert env.layout.name == "lane"
         assert env.reset(seed=0)[1]["cell"][0] == 1
@@ -83,8 +83,8 @@ def test_a_layout_file_is_a_maze(tmp_path) -> None:
 
 
 def test_render_gives_the_view_only_if_asked() -> None:
-    env = MazeEnv("select", render_mode="rgb_array")
-    silent = MazeEnv("select")
+    env = MazeGymEnv("select", render_mode="rgb_array")
+    silent = MazeGymEnv("select")
     try:
         view, _ = env.reset(seed=0)
         assert env.render() is view
@@ -109,7 +109,7 @@ def test_render_gives_the_view_only_if_asked() -> None:
 )
 def test_bad_arguments_are_refused(arguments: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        MazeEnv(**arguments)
+        MazeGymEnv(**arguments)
 
 
 def test_importing_the_package_registers_all_mazes() -> None:

@@ -2,9 +2,9 @@
 
 import networkx as nx
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
+from tests.envs.layouts import steps_from
 from toponav.envs import MAZES, Layout, load_maze, make_random_layout
 
 # The middle cells of the south wall's and of the north wall's box.
@@ -46,14 +46,14 @@ def test_mazes_have_the_loops_of_the_notes(name: str, loops: int) -> None:
     ("closed", "length"), [("", 11), ("a", 17), ("b", 27), ("ab", 27)]
 )
 def test_maze1_has_paths_of_three_lengths(closed: str, length: int) -> None:
-    distances = load_maze("maze1").distances(MAZE1_START, closed)
-    assert distances[MAZE1_GOAL] == length
+    steps = steps_from(load_maze("maze1"), MAZE1_START, closed)
+    assert steps[MAZE1_GOAL] == length
 
 
 @pytest.mark.parametrize(
     ("name", "near"), [("maze4", "maze[123]"), ("Select", "select"), ("", "select")]
 )
-def test_a_wrong_name_is_told_the_nearest(name: str, near: str) -> None:
+def test_a_wrong_name_is_refused_with_the_nearest(name: str, near: str) -> None:
     with pytest.raises(ValueError, match=rf"got '{name}' \(did you mean '{near}'\?\)"):
         load_maze(name)
 

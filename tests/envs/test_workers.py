@@ -9,11 +9,11 @@ from torchrl.envs import EnvBase, ParallelEnv, StepCounter, TransformedEnv
 from torchrl.envs.utils import RandomPolicy, check_env_specs
 
 from tests.envs.layouts import GATE
-from toponav.envs import DoomMazeEnv
+from toponav.envs import MazeEnv
 
 
 def make(batch_size: int | None = None, seed: int = 0) -> EnvBase:
-    env = DoomMazeEnv(
+    env = MazeEnv(
         GATE, batch_size=batch_size, episode_length=6, privileged=True, seed=seed
     )
     return TransformedEnv(env, StepCounter())

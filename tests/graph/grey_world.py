@@ -3,7 +3,7 @@
 import torch
 from tensordict import TensorDict
 
-from toponav.graph import TopologicalMap
+from toponav.graph import MapRules, TopologicalMap
 
 
 def embed(views):
@@ -15,8 +15,8 @@ def compare(one, many):
     return (1 - (one.unsqueeze(1) - many).abs().mean(-1)).clamp(min=0)
 
 
-def make_map(**arguments):
-    """A map to the letter of the paper, unless the arguments say otherwise."""
+def make_map(*, goal_reward=10.0, **rules):
+    """A map to the letter of the paper, unless the rules say otherwise."""
     literal = {
         "tc_threshold": 0.9,
         "tc_reach": 0.75,
@@ -26,7 +26,9 @@ def make_map(**arguments):
         "nearby": None,
         "shortlist": None,
     }
-    return TopologicalMap(embed, compare, **literal | arguments)
+    return TopologicalMap(
+        embed, compare, MapRules(**literal | rules), goal_reward=goal_reward
+    )
 
 
 def episode(*greys, views=False, env=None, scale=100):
@@ -38,14 +40,16 @@ def episode(*greys, views=False, env=None, scale=100):
     data = TensorDict({"next": {"done": done}}, [length])
     data["embedding"] = grey.reshape(length, 1) / scale
     if views:
-        data["pixels"] = grey.to(torch.uint8).expand(length, 2, 2, 3).contiguous()
+        data["network_pixels"] = (
+            grey.to(torch.uint8).expand(length, 2, 2, 3).contiguous()
+        )
     if env is not None:
         data["env_id"] = torch.full((length, 1), env)
     return data
 
 
 class PlainMap:
-    """The map as the docstring of `TopologicalMap` tells it, all compared with all."""
+    """The map by the docstring of `TopologicalMap`, with all compared with all."""
 
     def __init__(self, *, scale, window=0, search_window=0, hysteresis=False, **rules):
         self.scale = scale
@@ -54,11 +58,10 @@ class PlainMap:
             "tc_reach": 0.75,
             "edges": "both",
             "extend_by": "itself",
-            "link_transitions": True,
         } | rules
         self.window, self.search_window = window, search_window
         self.hysteresis = hysteresis
-        self.greys, self.walked, self.seen = [], {}, set()
+        self.greys, self.traversed, self.seen = [], {}, set()
         self.episodes = 0
 
     def vote(self, greys, at, waypoint, window):
@@ -72,18 +75,16 @@ class PlainMap:
         for at in range(len(greys)):
             found = self.find(greys, at, place)
             if found is None:
-                found = self.bear(greys, at, is_first)
+                found = self.add_waypoint(greys, at, is_first)
                 by_time = self.rules["edges"] != "reach"
                 if place is not None and (
                     by_time or self.edge(place, found) in self.seen
                 ):
-                    self.walk(place, found)
+                    self.traverse(place, found)
             elif place not in (None, found):
-                links = self.rules["link_transitions"]
-                edge = self.edge(place, found)
-                known = edge in self.seen or edge in self.walked
-                if known or (links and self.rules["edges"] != "reach"):
-                    self.walk(place, found)
+                by_time = self.rules["edges"] != "reach"
+                if by_time or self.edge(place, found) in self.seen:
+                    self.traverse(place, found)
             place = found
             places.append(found)
         self.episodes += 1
@@ -102,7 +103,7 @@ class PlainMap:
                 return votes.index(max(votes))
         return None
 
-    def bear(self, greys, at, is_first):
+    def add_waypoint(self, greys, at, is_first):
         seer = greys[at]
         if self.rules["extend_by"] == "previous" and not is_first:
             seer = greys[at - 1] if at else None
@@ -118,9 +119,9 @@ class PlainMap:
     def edge(one, other):
         return min(one, other), max(one, other)
 
-    def walk(self, one, other):
+    def traverse(self, one, other):
         edge = self.edge(one, other)
-        self.walked[edge] = self.walked.get(edge, 0) + 1
+        self.traversed[edge] = self.traversed.get(edge, 0) + 1
 
     def edges(self):
-        return sorted(self.seen | set(self.walked))
+        return sorted(self.seen | set(self.traversed))

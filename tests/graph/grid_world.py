@@ -3,19 +3,19 @@
 from collections.abc import Sequence
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
 
 from toponav import keys
-from toponav.graph import Navigator
+from toponav.graph import Navigator, NavigatorRules
 from toponav.transforms import PreviousReward
 
 #: North, south, west, east.
 MOVES = torch.tensor([[-1, 0], [1, 0], [0, -1], [0, 1]])
 
-#: Two ways from the left to the right end: the upper one is shorter.
+#: Two paths from the left to the right end: the upper one is shorter.
 RING = ("#######", "#.....#", "#.###.#", "#.###.#", "#.....#", "#######")
 #: Between the corners of the upper row.
 UPPER, START, GOAL = (1, 3), (1, 1), (1, 5)
@@ -59,10 +59,26 @@ def locomotion(here: Tensor, there: Tensor) -> Tensor:
     return (there - here) @ MOVES.T.float()
 
 
-def make_navigator(grid: GridMap, **arguments: object) -> Navigator:
+def make_navigator(
+    grid: GridMap,
+    *,
+    seed: int = 0,
+    goal_reward: float | None = 10.0,
+    in_keys: Sequence[NestedKey] | None = None,
+    **rules: object,
+) -> Navigator:
     """One that reaches the squares beside it, and errs in nothing."""
-    chosen = {"tc_reach": 0.4, "temperature": 0.0} | arguments
-    return Navigator(grid, embed, compare, locomotion, **chosen)
+    chosen = NavigatorRules(**({"tc_reach": 0.4, "temperature": 0.0} | rules))
+    return Navigator(
+        grid,
+        embed,
+        compare,
+        locomotion,
+        chosen,
+        goal_reward=goal_reward,
+        in_keys=in_keys,
+        seed=seed,
+    )
 
 
 class GridWorld(EnvBase):

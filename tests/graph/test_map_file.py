@@ -17,9 +17,9 @@ from toponav.graph import MapFileError, load_map, save_map
 @pytest.fixture
 def state():
     torch.manual_seed(0)
-    grown = make_map()
-    grown.add_episode(episode(0, 20, 60, 20, views=True))
-    state = grown.state_dict()
+    topological_map = make_map()
+    topological_map.add_episode(episode(0, 20, 60, 20, views=True))
+    state = topological_map.state_dict()
     # Anything that float32 and bytes can hold.
     state["embeddings"] = torch.randn_like(state["embeddings"]) * 1e-20
     state["images"] = torch.randint(0, 256, (3, 5, 4, 3), dtype=torch.uint8)
@@ -56,11 +56,11 @@ def test_one_map_gives_one_file(state, tmp_path) -> None:
 
 
 def test_a_map_without_views_and_an_empty_one_are_files_too(tmp_path) -> None:
-    grown = make_map()
+    topological_map = make_map()
     for number in range(2):
-        save_map(grown.state_dict(), tmp_path / f"{number}.zip")
-        same(grown.state_dict(), load_map(tmp_path / f"{number}.zip")[0])
-        grown.add_episode(episode(0, 50))
+        save_map(topological_map.state_dict(), tmp_path / f"{number}.zip")
+        same(topological_map.state_dict(), load_map(tmp_path / f"{number}.zip")[0])
+        topological_map.add_episode(episode(0, 50))
 
 
 def test_others_read_it_without_this_package(state, tmp_path) -> None:
@@ -115,8 +115,8 @@ def damaged(path, how):
             archive.writestr("a.txt", "hello")
     elif how == "newer":
         with zipfile.ZipFile(path, "w") as archive:
-            told = {"format": "toponav map", "format_version": 9}
-            archive.writestr("graph.json", json.dumps(told))
+            entries = {"format": "toponav map", "format_version": 9}
+            archive.writestr("graph.json", json.dumps(entries))
     elif how == "list":
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("graph.json", "[1]")

@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from tensordict import TensorDict
 
 from tests.graph.grey_world import PlainMap, embed, episode, make_map
@@ -22,24 +21,25 @@ RULES = st.fixed_dictionaries(
         "hysteresis": st.booleans(),
         "edges": st.sampled_from(["both", "reach", "time"]),
         "extend_by": st.sampled_from(["itself", "previous"]),
-        "link_transitions": st.booleans(),
     }
 )
 # Between any two of their means.
 OFF = {"tc_threshold": 0.9037, "tc_reach": 0.7537}
 
 
-def told(grown):
+def edges_of(topological_map):
     """Edges and traversals as plain lists."""
-    edges = [tuple(pair) for pair in grown.edges.tolist()]
-    return edges, dict(zip(edges, grown.traversals.sum(1).tolist(), strict=True))
+    edges = [tuple(pair) for pair in topological_map.edges.tolist()]
+    return edges, dict(
+        zip(edges, topological_map.traversals.sum(1).tolist(), strict=True)
+    )
 
 
 def test_the_first_episode_is_simplified_by_elimination() -> None:
     # 5 and 8 are like 0 (0.95, 0.92); 20 is like nothing (0.8); 26 is like 20 (0.94);
     # 60 is like nothing.
-    grown = make_map()
-    assert grown.add_episode(episode(0, 5, 20, 26, 60, 8)).tolist() == [
+    topological_map = make_map()
+    assert topological_map.add_episode(episode(0, 5, 20, 26, 60, 8)).tolist() == [
         0,
         0,
         1,
@@ -47,48 +47,49 @@ def test_the_first_episode_is_simplified_by_elimination() -> None:
         2,
         0,
     ]
-    assert grown.num_waypoints == 3
-    assert grown.embeddings.flatten().tolist() == pytest.approx([0.0, 0.2, 0.6])
+    assert topological_map.num_waypoints == 3
+    assert topological_map.embeddings.flatten().tolist() == pytest.approx(
+        [0.0, 0.2, 0.6]
+    )
     # 0 and 20 reach each other (0.8 > 0.75) and were walked; the others only walked.
-    assert grown.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
-    assert grown.edge_similarity[0].item() == pytest.approx(0.8)
-    assert grown.edge_similarity[1:].isnan().all()
+    assert topological_map.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert topological_map.edge_similarity[0].item() == pytest.approx(0.8)
+    assert topological_map.edge_similarity[1:].isnan().all()
     # From 60 back to 0, and from 0 to 20 to 60.
-    assert grown.edge_cost.tolist() == [[1, 3], [3, 1], [1, 3]]
-    assert grown.origins.tolist() == [[0, 0], [0, 2], [0, 4]]
+    assert topological_map.edge_cost.tolist() == [[1, 3], [3, 1], [1, 3]]
+    assert topological_map.origins.tolist() == [[0, 0], [0, 2], [0, 4]]
 
 
 def test_an_edge_that_was_only_seen_is_dearer() -> None:
-    grown = make_map(unwalked_cost=2.5)
-    grown.add_episode(episode(0, 22, 44))
+    topological_map = make_map(untraversed_edge_cost=2.5)
+    topological_map.add_episode(episode(0, 22, 44))
     # 11 is a waypoint, 0.89 like 0 and 22: it reaches both, but not 44 (0.67). 70 is
     # reached by none (0.74 from 44) and walked to from 11.
-    assert grown.add_episode(episode(11, 70)).tolist() == [3, 4]
-    assert grown.edges.tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [3, 4]]
-    assert grown.edge_cost.amin(1).tolist() == [1.0, 2.5, 1.0, 2.5, 1.0]
-    assert grown.edge_cost.amax(1).tolist() == [2.5] * 5
+    assert topological_map.add_episode(episode(11, 70)).tolist() == [3, 4]
+    assert topological_map.edges.tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [3, 4]]
+    assert topological_map.edge_cost.amin(1).tolist() == [1.0, 2.5, 1.0, 2.5, 1.0]
+    assert topological_map.edge_cost.amax(1).tolist() == [2.5] * 5
 
 
 def test_steps_make_no_edges_where_only_reach_does() -> None:
-    grown = make_map(edges="reach")
-    assert grown.add_episode(episode(0, 60, 0, 20, 0)).tolist() == [0, 1, 0, 2, 0]
-    # 20 reaches 0 (0.8); 20 is born once and left once: both steps count.
-    assert told(grown) == ([(0, 2)], {(0, 2): 2})
-
-
-def test_only_new_waypoints_are_linked_by_time_if_wanted() -> None:
-    grown = make_map(edges="time", link_transitions=False)
-    # 0-50 and 50-99 by birth; the steps 99-0 and 0-50 know their ends already.
-    grown.add_episode(episode(0, 50, 99, 0, 50))
-    assert told(grown) == ([(0, 1), (1, 2)], {(0, 1): 2, (1, 2): 1})
+    topological_map = make_map(edges="reach")
+    assert topological_map.add_episode(episode(0, 60, 0, 20, 0)).tolist() == [
+        0,
+        1,
+        0,
+        2,
+        0,
+    ]
+    # 20 reaches 0 (0.8); 20 becomes a waypoint once and is left once: both steps count.
+    assert edges_of(topological_map) == ([(0, 2)], {(0, 2): 2})
 
 
 def test_a_new_waypoint_of_a_later_episode_is_linked_by_the_view_before() -> None:
     # Eq. 12: 40 was seen after 22, which reaches 0 and itself; 40 reaches 22 alone.
     by_previous, by_itself = make_map(extend_by="previous"), make_map()
-    for grown in (by_previous, by_itself):
-        grown.add_episode(episode(0, 22))
-        grown.add_episode(episode(22, 40))
+    for topological_map in (by_previous, by_itself):
+        topological_map.add_episode(episode(0, 22))
+        topological_map.add_episode(episode(22, 40))
     assert by_previous.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
     assert by_itself.edges.tolist() == [[0, 1], [1, 2]]
 
@@ -121,14 +122,19 @@ def test_a_leap_must_be_backed_by_more_views() -> None:
 @settings(deadline=None, max_examples=40)
 @given(st.lists(SHADES, min_size=1, max_size=3), RULES)
 def test_it_does_what_the_plain_map_does(episodes, rules) -> None:
-    grown, plain = make_map(**OFF, **rules), PlainMap(scale=SCALE, **OFF, **rules)
+    topological_map, plain = (
+        make_map(**OFF, **rules),
+        PlainMap(scale=SCALE, **OFF, **rules),
+    )
     for greys in episodes:
-        assert grown.add_episode(episode(*greys, scale=SCALE)).tolist() == plain.add(
-            greys
-        )
-    edges, traversals = told(grown)
+        assert topological_map.add_episode(
+            episode(*greys, scale=SCALE)
+        ).tolist() == plain.add(greys)
+    edges, traversals = edges_of(topological_map)
     assert edges == plain.edges()
-    assert {edge: count for edge, count in traversals.items() if count} == plain.walked
+    assert {
+        edge: count for edge, count in traversals.items() if count
+    } == plain.traversed
 
 
 @settings(deadline=None, max_examples=25)
@@ -148,38 +154,60 @@ def test_where_batches_are_cut_makes_no_difference(greys, cuts, rules) -> None:
 def test_each_environment_goes_on_where_it_was() -> None:
     # Two environments whose rows change places from batch to batch.
     first, second = episode(0, 0, 30, 30, env=4), episode(70, 70, 99, 99, env=9)
-    grown = make_map(edges="time")
-    assert grown.extend(torch.stack([first[:2], second[:2]])) == 2
-    assert grown.extend(torch.stack([second[2:], first[2:]])) == 2
-    assert grown.edges.tolist() == [[0, 3], [1, 2]]
-    assert grown.origins.tolist() == [[4, 0], [9, 0], [9, 2], [4, 2]]
+    topological_map = make_map(edges="time")
+    assert topological_map.extend(torch.stack([first[:2], second[:2]])) == 2
+    assert topological_map.extend(torch.stack([second[2:], first[2:]])) == 2
+    assert topological_map.edges.tolist() == [[0, 3], [1, 2]]
+    assert topological_map.origins.tolist() == [[4, 0], [9, 0], [9, 2], [4, 2]]
 
 
 def test_nothing_joins_two_episodes_nor_both_sides_of_a_respawn() -> None:
     one, two = episode(0, 30, env=0), episode(60, 90, env=0)
-    grown = make_map(edges="time")
-    grown.extend(torch.cat([one, two]).unsqueeze(0))
-    assert grown.edges.tolist() == [[0, 1], [2, 3]]
+    topological_map = make_map(edges="time")
+    topological_map.extend(torch.cat([one, two]).unsqueeze(0))
+    assert topological_map.edges.tolist() == [[0, 1], [2, 3]]
     data = episode(0, 30, 60, 90, env=0)
     data["next", "reward"] = torch.tensor([[0.0], [10.0], [1.0], [0.0]])
-    for respawn_reward, edges in (
+    for goal_reward, edges in (
         (10.0, [[0, 1], [2, 3]]),
         (None, [[0, 1], [1, 2], [2, 3]]),
     ):
-        grown = make_map(edges="time", respawn_reward=respawn_reward)
-        grown.extend(data.unsqueeze(0))
-        assert grown.edges.tolist() == edges
+        topological_map = make_map(edges="time", goal_reward=goal_reward)
+        topological_map.extend(data.unsqueeze(0))
+        assert topological_map.edges.tolist() == edges
 
 
 def test_views_of_other_networks_are_embedded_anew() -> None:
     data = episode(0, 30, views=True, env=0)
     data["embedding"] = data["embedding"] + 0.5  # what other networks made of them
     data[NETWORKS_VERSION] = torch.ones(2, 1, dtype=torch.int64)
-    grown = make_map()
-    grown.extend(data.unsqueeze(0))
-    assert grown.embeddings.flatten().tolist() == pytest.approx([0.0, 0.3])
-    with pytest.raises(ValueError, match="must have 'pixels' to embed anew, got versi"):
-        make_map().extend(data.exclude("pixels").unsqueeze(0))
+    topological_map = make_map()
+    topological_map.extend(data.unsqueeze(0))
+    assert topological_map.embeddings.flatten().tolist() == pytest.approx([0.0, 0.3])
+    with pytest.raises(
+        ValueError, match="must have 'network_pixels' to embed again, got versi"
+    ):
+        make_map().extend(data.exclude("network_pixels").unsqueeze(0))
+
+
+def test_the_keys_of_a_batch_can_be_others() -> None:
+    data = episode(0, 30, 60, views=True, env=5)
+    usual, other = make_map(), make_map()
+    usual.extend(data.unsqueeze(0))
+    names = {"network_pixels": "views", "embedding": ("vision", "code"), "env_id": "id"}
+    renamed = data.clone()
+    for old, new in names.items():
+        renamed.rename_key_(old, new)
+    renamed["next", "is_over"] = renamed["next"].pop("done")
+    other.set_keys(
+        views="views", embedding=("vision", "code"), env_id="id", done="is_over"
+    )
+    other.extend(renamed.unsqueeze(0))
+    assert torch.equal(usual.images, other.images)
+    assert torch.equal(usual.origins, other.origins)
+    assert torch.equal(usual.edges, other.edges)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'pixels'"):
+        other.set_keys(pixels="views")
 
 
 def test_new_networks_judge_edges_and_what_is_unfinished_anew() -> None:
@@ -188,47 +216,52 @@ def test_new_networks_judge_edges_and_what_is_unfinished_anew() -> None:
     def embed_scaled(views):
         return embed(views) * scale["by"]
 
-    grown = make_map()
-    grown.waypoints._embed = embed_scaled
+    topological_map = make_map()
+    topological_map.waypoints._embed = embed_scaled
     # 0-20 is walked; 40 reaches 20 (0.8).
-    grown.add_episode(episode(0, 20, 0, views=True))
-    grown.add_episode(episode(40, views=True))
-    assert told(grown)[0] == [(0, 1), (1, 2)]
+    topological_map.add_episode(episode(0, 20, 0, views=True))
+    topological_map.add_episode(episode(40, views=True))
+    assert edges_of(topological_map)[0] == [(0, 1), (1, 2)]
     scale["by"] = 2.0
     # 20 and 40 are now 0.6 alike: never walked, dropped. 0 and 20 too, but walked.
-    assert grown.refresh(1) == 1
-    assert told(grown)[0] == [(0, 1)]
-    assert grown.edge_similarity.tolist() == pytest.approx([0.6])
-    assert grown.embeddings.flatten().tolist() == pytest.approx([0.0, 0.4, 0.8])
-    assert grown.network_version == 1
+    assert topological_map.refresh(1) == 1
+    assert edges_of(topological_map)[0] == [(0, 1)]
+    assert topological_map.edge_similarity.tolist() == pytest.approx([0.6])
+    assert topological_map.embeddings.flatten().tolist() == pytest.approx(
+        [0.0, 0.4, 0.8]
+    )
+    assert topological_map.network_version == 1
 
 
 def test_similarities_are_those_of_the_networks() -> None:
-    grown = make_map()
-    grown.add_episode(episode(0, 30, 60))
+    topological_map = make_map()
+    topological_map.add_episode(episode(0, 30, 60))
     views = torch.tensor([[0.0], [0.5]])
-    known = grown.similarities(views)
+    known = topological_map.waypoints.similarities(views)
     assert known.flatten().tolist() == pytest.approx([1.0, 0.7, 0.4, 0.5, 0.8, 0.9])
-    some = grown.similarities(views, torch.tensor([2, 0]))
+    some = topological_map.waypoints.similarities(views, torch.tensor([2, 0]))
     assert torch.equal(some, known[:, [2, 0]])
-    assert make_map().similarities(views).shape == (2, 0)
+    assert make_map().waypoints.similarities(views).shape == (2, 0)
 
 
 def test_a_shortlist_finds_what_all_comparisons_find() -> None:
     torch.manual_seed(0)
     greys = torch.randint(0, 101, (300,)).tolist()
     maps = [make_map(nearby=1, shortlist=some, edges="time") for some in (None, 3)]
-    places = [grown.add_episode(episode(*greys)).tolist() for grown in maps]
+    places = [
+        topological_map.add_episode(episode(*greys)).tolist()
+        for topological_map in maps
+    ]
     assert places[0] == places[1]
     assert maps[0].num_waypoints > 5
 
 
 def test_the_state_goes_from_map_to_map() -> None:
-    grown, other = make_map(), make_map()
-    grown.add_episode(episode(0, 30, 60, views=True))
-    grown.network_version = 7
-    other.load_state_dict(grown.state_dict())
-    for name, value in grown.state_dict().items():
+    topological_map, other = make_map(), make_map()
+    topological_map.add_episode(episode(0, 30, 60, views=True))
+    topological_map.network_version = 7
+    other.load_state_dict(topological_map.state_dict())
+    for name, value in topological_map.state_dict().items():
         if isinstance(value, torch.Tensor):
             assert torch.equal(
                 value.nan_to_num(-1), other.state_dict()[name].nan_to_num(-1)
@@ -236,7 +269,8 @@ def test_the_state_goes_from_map_to_map() -> None:
         else:
             assert value == other.state_dict()[name]
     both = [
-        one.add_episode(episode(61, 90, views=True)).tolist() for one in (grown, other)
+        one.add_episode(episode(61, 90, views=True)).tolist()
+        for one in (topological_map, other)
     ]
     assert both[0] == both[1] == [2, 3]
 
@@ -250,9 +284,12 @@ def test_the_state_goes_from_map_to_map() -> None:
         ({"extend_by": "next"}, "extend_by must be one of"),
         ({"window": -1}, "window must be at least 0, got -1"),
         ({"search_window": -1}, "search_window must be at least 0, got -1"),
-        ({"nearby": 0}, "nearby must be None or at least 1, got 0"),
-        ({"shortlist": 0}, "shortlist must be None or at least 1, got 0"),
-        ({"unwalked_cost": 0.5}, "unwalked_cost must be at least 1, got 0.5"),
+        ({"nearby": 0}, "nearby must be at least 1, got 0"),
+        ({"shortlist": 0}, "shortlist must be at least 1, got 0"),
+        (
+            {"untraversed_edge_cost": 0.5},
+            "untraversed_edge_cost must be at least 1, got 0.5",
+        ),
     ],
 )
 def test_an_argument_out_of_range_is_refused(arguments, message) -> None:
@@ -266,7 +303,10 @@ def test_an_argument_out_of_range_is_refused(arguments, message) -> None:
         (lambda data: data[0], r"must be \[E, T >= 1\], got \[2\]"),
         (lambda data: data.exclude("env_id"), "must have 'env_id'"),
         (lambda data: data.exclude("next"), r"must have \('next', 'done'\)"),
-        (lambda data: data.exclude("embedding"), "must have 'embedding' or 'pixels'"),
+        (
+            lambda data: data.exclude("embedding"),
+            "must have 'embedding' or 'network_pixels'",
+        ),
     ],
 )
 def test_data_that_says_too_little_is_refused(break_, message) -> None:
@@ -280,11 +320,11 @@ def test_broken_networks_are_noticed() -> None:
     data["embedding"][1] = float("nan")
     with pytest.raises(ValueError, match="embeddings must be finite, got NaN"):
         make_map().add_episode(data)
-    grown = make_map()
-    grown.waypoints._compare = lambda one, many: 2 + 0 * many[..., 0]
-    grown.add_episode(episode(0))
+    topological_map = make_map()
+    topological_map.waypoints._compare = lambda one, many: 2 + 0 * many[..., 0]
+    topological_map.add_episode(episode(0))
     with pytest.raises(ValueError, match=r"must be in \[0, 1\], got 2 to 2"):
-        grown.add_episode(episode(0))
+        topological_map.add_episode(episode(0))
 
 
 def test_an_episode_must_have_observations() -> None:

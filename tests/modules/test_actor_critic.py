@@ -4,11 +4,13 @@ import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors import Collector
-from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.data import OneHot
+from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from tests.objectives.cue_corridor import CueCorridor, make_env, make_network
 from toponav.modules import ActorCritic
+from toponav.objectives import A3CLoss, RecurrentPPOLoss
 
 
 def make_decision(network: ActorCritic, *batch: int) -> TensorDict:
@@ -180,13 +182,13 @@ def test_any_batch_of_envs(batch: tuple[int, ...]) -> None:
 
 
 def test_the_first_policy_is_nearly_uniform() -> None:
-    network = ActorCritic(input="embedding", embedding_dim=3)
+    network = ActorCritic(num_actions=6, input="embedding", embedding_dim=3)
     logits = network(make_decision(network, 100))["logits"]
     assert (logits.softmax(-1) - 1 / 6).abs().max() < 0.02
 
 
 def test_pixels_are_collected_and_recomputed() -> None:
-    network = ActorCritic(code_dim=8, hidden_dim=8)
+    network = ActorCritic(num_actions=6, code_dim=8, hidden_dim=8)
     slices = make_decision(network, 2, 3).exclude("embedding")
     slices["policy_pixels"] = torch.randint(256, (2, 3, 84, 84, 3), dtype=torch.uint8)
     with torch.no_grad():
@@ -202,12 +204,66 @@ def test_pixels_are_collected_and_recomputed() -> None:
 
 def test_the_view_may_lie_elsewhere() -> None:
     network = ActorCritic(
-        input="embedding", embedding_dim=3, view_key=("agent", "embedding")
+        num_actions=6,
+        input="embedding",
+        embedding_dim=3,
+        view_key=("agent", "embedding"),
     )
     decision = make_decision(network, 2)
     decision["agent", "embedding"] = decision.pop("embedding")
     assert network.in_keys[0] == ("agent", "embedding")
     assert network(decision)["action"].shape == (2,)
+
+
+class OneHotCorridor(CueCorridor):
+    """The corridor with one-hot actions, and a count of them."""
+
+    def __init__(self, num_envs: int) -> None:
+        super().__init__(num_envs)
+        self.action_spec = OneHot(2, shape=(num_envs, 2), dtype=torch.int64)
+        self.taken = torch.zeros(2, dtype=torch.int64)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.taken += tensordict["action"].sum(0)
+        numbers = tensordict["action"].argmax(-1)
+        return super()._step(tensordict.copy().set("action", numbers))
+
+
+def make_one_hot_env(network: ActorCritic) -> tuple[OneHotCorridor, EnvBase]:
+    corridor = OneHotCorridor(8)
+    transforms = Compose(InitTracker(), network.make_tensordict_primer())
+    return corridor, TransformedEnv(corridor, transforms)
+
+
+def test_an_env_with_one_hot_actions_gets_them() -> None:
+    torch.manual_seed(0)
+    network = ActorCritic(
+        num_actions=2, input="embedding", embedding_dim=3, one_hot=True
+    )
+    corridor, env = make_one_hot_env(network)
+    with torch.no_grad():
+        rollout = env.rollout(40, network, break_when_any_done=False)
+    assert rollout["action"].shape == (8, 40, 2)
+    # 320 decisions of an even policy: four standard errors of 9 around 160.
+    assert corridor.taken.sum() == 320
+    assert abs(corridor.taken[0] - 160) < 36
+    for loss in (A3CLoss(network), RecurrentPPOLoss(network)):
+        assert loss(rollout)["loss_objective"].isfinite()
+
+
+def test_an_env_with_other_actions_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"one_hot must be True .* OneHot, got False"):
+        make_one_hot_env(make_network())[1].reset()
+    with pytest.raises(ValueError, match="num_actions must be that of the env, 2, got"):
+        make_one_hot_env(make_network(num_actions=3))[1].reset()
+
+
+@pytest.mark.parametrize("size", [(36, 52), (120, 160)])
+def test_pixels_of_any_size_are_read(size: tuple[int, int]) -> None:
+    network = ActorCritic(num_actions=3, image_size=size, code_dim=8, hidden_dim=8)
+    decision = make_decision(network, 2).exclude("embedding")
+    decision["policy_pixels"] = torch.zeros(2, *size, 3, dtype=torch.uint8)
+    assert network(decision)["logits"].shape == (2, 3)
 
 
 def test_weights_round_trip_and_copies_are_independent() -> None:
@@ -235,8 +291,8 @@ def test_without_the_primer_an_env_is_refused_too() -> None:
 
 def test_arguments_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match=r"one of \('pixels', 'embedding'\), got 'x'"):
-        ActorCritic(input="x")  # type: ignore[arg-type]
+        ActorCritic(num_actions=6, input="x")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="embedding_dim must be given"):
-        ActorCritic(input="embedding")
+        ActorCritic(num_actions=6, input="embedding")
     with pytest.raises(ValueError, match="num_actions must be at least 2, got 1"):
         ActorCritic(num_actions=1)

@@ -17,7 +17,9 @@ from toponav.modules import (
 
 def make_network() -> LNetwork:
     torch.manual_seed(0)
-    return LNetwork(SmallEncoder(32, image_size=(24, 32)), LocomotionHead(32))
+    return LNetwork(
+        SmallEncoder(32, image_size=(24, 32)), LocomotionHead(32, num_actions=6)
+    )
 
 
 def pixels(*batch: int) -> torch.Tensor:
@@ -27,7 +29,7 @@ def pixels(*batch: int) -> torch.Tensor:
 def test_the_head_has_the_paper_s_layers() -> None:
     widths = [
         (layer.in_features, layer.out_features)
-        for layer in LocomotionHead().modules()
+        for layer in LocomotionHead(num_actions=6).modules()
         if isinstance(layer, nn.Linear)
     ]
     assert widths == [(1024, 512), (512, 512), (512, 6)]
@@ -85,6 +87,6 @@ def test_it_overfits_one_batch() -> None:
 
 def test_sizes_are_checked() -> None:
     with pytest.raises(ValueError, match="widths >= 1, got"):
-        LocomotionHead(8, hidden=(4, 0))
+        LocomotionHead(8, num_actions=6, hidden=(4, 0))
     with pytest.raises(ValueError, match="at least 2, got 1"):
         LocomotionHead(8, num_actions=1)

@@ -6,7 +6,7 @@ from toponav.modules import EmbeddingTrunk, PixelTrunk
 
 
 def test_bytes_and_floats_of_the_same_image_give_the_same_code() -> None:
-    trunk = PixelTrunk(8)
+    trunk = PixelTrunk(8, image_size=(84, 84))
     pixels = torch.randint(256, (2, 3, 84, 84, 3), dtype=torch.uint8)
     code = trunk(pixels)
     assert code.shape == (2, 3, 8)
@@ -14,7 +14,7 @@ def test_bytes_and_floats_of_the_same_image_give_the_same_code() -> None:
 
 
 def test_it_is_the_paper_s_stack_of_layers() -> None:
-    trunk = PixelTrunk(8)
+    trunk = PixelTrunk(8, image_size=(84, 84))
     pixels = torch.randint(256, (2, 84, 84, 3), dtype=torch.uint8)
     hidden = pixels.permute(0, 3, 1, 2).float() / 255
     hidden = F.relu(trunk.conv1(hidden))
@@ -26,7 +26,7 @@ def test_it_is_the_paper_s_stack_of_layers() -> None:
 
 
 def test_every_layer_of_the_pixels_learns() -> None:
-    trunk = PixelTrunk(8)
+    trunk = PixelTrunk(8, image_size=(84, 84))
     trunk(torch.randint(256, (2, 84, 84, 3), dtype=torch.uint8)).sum().backward()
     assert all(p.grad is not None and p.grad.any() for p in trunk.parameters())
 
@@ -49,7 +49,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match=r"at least 20 both ways, got \(19, 84\)"):
         PixelTrunk(image_size=(19, 84))
     with pytest.raises(ValueError, match=r"shape \[84, 84, 3\].*got \[2, 84, 80, 3\]"):
-        PixelTrunk()(torch.zeros(2, 84, 80, 3, dtype=torch.uint8))
+        PixelTrunk(image_size=(84, 84))(torch.zeros(2, 84, 80, 3, dtype=torch.uint8))
     with pytest.raises(ValueError, match=r"length 8, got \[2, 9\]"):
         EmbeddingTrunk(8)(torch.zeros(2, 9))
 

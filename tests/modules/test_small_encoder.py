@@ -26,7 +26,8 @@ def count_flop(encoder: nn.Module) -> int:
 
 
 def test_it_is_at_least_ten_times_cheaper_than_resnet() -> None:
-    small, large = SmallEncoder().eval(), ResNet18().eval()
+    small = SmallEncoder(image_size=(120, 160)).eval()
+    large = ResNet18(image_size=(120, 160)).eval()
     # 2 * (30*40*32*75 + 15*20*48*288 + 8*10*64*432 + 4*5*96*576 + 1920*256)
     assert count_flop(small) == 21_672_960
     assert count_flop(large) > 10 * count_flop(small)
@@ -107,7 +108,7 @@ def test_an_odd_size_and_a_wrong_image_are_refused() -> None:
 @pytest.mark.parametrize("batch_norm", [True, False])
 def test_folding_the_normalisation_changes_no_embedding(batch_norm: bool) -> None:
     torch.manual_seed(0)
-    encoder = SmallEncoder(32, batch_norm=batch_norm)
+    encoder = SmallEncoder(32, batch_norm=batch_norm, image_size=(120, 160))
     views = torch.randint(0, 256, (6, 120, 160, 3), dtype=torch.uint8)
     for _ in range(3):
         encoder(views)  # moves the running means and variances

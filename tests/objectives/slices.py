@@ -1,4 +1,6 @@
-"""Slices of experience made by hand, and a critic that says what it is told."""
+"""Slices of experience made by hand, and a critic whose values are given."""
+
+from typing import ClassVar
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -8,16 +10,24 @@ from tests.objectives.cue_corridor import make_network
 from toponav.modules import ActorCritic
 
 
-class ToldCritic:
-    """Judges the state after a decision by the number stored in ``next.told``."""
+class GivenCritic(torch.nn.Module):
+    """Values of the decisions, and after them those stored in ``next.given``."""
 
-    def __init__(self) -> None:
+    in_keys: ClassVar[list[str]] = []
+
+    def __init__(self, state_value: Tensor) -> None:
+        super().__init__()
+        self.state_value = state_value
         self.asked: list[TensorDictBase] = []
+
+    def unroll(self, tensordict: TensorDictBase) -> TensorDict:
+        logits = torch.zeros(*tensordict.shape, 2)
+        return TensorDict({"logits": logits, "state_value": self.state_value})
 
     def next_values(self, tensordict: TensorDictBase) -> Tensor:
         self.asked.append(tensordict)
-        told: Tensor = tensordict["next", "told"]
-        return told
+        values: Tensor = tensordict["next", "given"]
+        return values
 
 
 def random_ends(rows: int, steps: int, *, share: float = 0.3) -> tuple[Tensor, Tensor]:
@@ -27,7 +37,7 @@ def random_ends(rows: int, steps: int, *, share: float = 0.3) -> tuple[Tensor, T
 
 
 def n_step_returns(
-    reward: Tensor, told: Tensor, ends: tuple[Tensor, Tensor], gamma: float
+    reward: Tensor, values: Tensor, ends: tuple[Tensor, Tensor], gamma: float
 ) -> Tensor:
     """R_t by its definition: the discounted rewards up to an end or the slice's last.
 
@@ -44,7 +54,7 @@ def n_step_returns(
                 if done[row, step] or step == steps - 1:
                     if not terminated[row, step]:
                         after = gamma ** (step - start + 1)
-                        total += after * told[row, step, 0].item()
+                        total += after * values[row, step, 0].item()
                     break
             returns[row, start] = total
     return returns

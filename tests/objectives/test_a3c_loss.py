@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -6,7 +7,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
 from tests.objectives.slices import collected_slice, n_step_returns
-from toponav.objectives import A3CLoss
+from toponav.objectives import A3CLoss, RecurrentPPOLoss
 
 
 class Given(nn.Module):
@@ -24,6 +25,10 @@ class Given(nn.Module):
 
     def next_values(self, tensordict: TensorDictBase) -> Tensor:
         return torch.full((*tensordict.batch_size, 1), 8.0)
+
+
+def n_step(network: nn.Module, gamma: float, **arguments: Any) -> A3CLoss:
+    return A3CLoss(network, **arguments).make_value_estimator(gamma=gamma)
 
 
 def given_batch() -> TensorDict:
@@ -47,7 +52,7 @@ ENTROPY = [math.log(2), math.log(4) - 0.75 * math.log(3)]
 
 
 def test_worked_numbers() -> None:
-    loss = A3CLoss(make_given(), gamma=0.5, entropy_coeff=0.1, reduction="none")
+    loss = n_step(make_given(), 0.5, entropy_coeff=0.1, reduction="none")
     out = loss(given_batch())
     for key, expected in (
         ("loss_objective", OBJECTIVE),
@@ -62,7 +67,7 @@ def test_worked_numbers() -> None:
     ("reduction", "divisor"), [("unroll", 1), ("sum", 1), ("mean", 2)]
 )
 def test_reductions_of_one_row(reduction: str, divisor: int) -> None:
-    loss = A3CLoss(make_given(), gamma=0.5, reduction=reduction)  # type: ignore[arg-type]
+    loss = n_step(make_given(), 0.5, reduction=reduction)
     out = loss(given_batch())
     assert out["loss_critic"].item() == pytest.approx(sum(CRITIC) / divisor)
     assert out["loss_objective"].item() == pytest.approx(sum(OBJECTIVE) / divisor)
@@ -82,7 +87,7 @@ def test_an_unroll_is_summed_over_time_and_averaged_over_rows() -> None:
 
 def test_the_gradient_points_where_the_advantage_says() -> None:
     network = make_given()
-    out = A3CLoss(network, gamma=0.5, entropy_coeff=0.0)(given_batch())
+    out = n_step(network, 0.5, entropy_coeff=0.0)(given_batch())
     out["loss_objective"].backward()
     # d(-log p_a A) / d logit is (p - 1) A for the action taken and p A for the other:
     # it falls, so the logit rises, for the action with A = 3, and the reverse for -4.
@@ -106,7 +111,7 @@ def test_the_entropy_bonus_pulls_towards_uniform() -> None:
 def test_it_equals_the_definition_on_collected_slices(seed: int) -> None:
     torch.manual_seed(seed)
     network, batch = collected_slice(seed, rows=4, steps=7)
-    loss = A3CLoss(network, gamma=0.9, reduction="none")
+    loss = n_step(network, 0.9, reduction="none")
     out = loss(batch)
     value, following = batch["state_value"], batch["next"]
     returns = n_step_returns(
@@ -214,9 +219,54 @@ def test_it_can_be_called_without_a_tensordict() -> None:
         assert result == expected[key]
 
 
+def test_one_hot_actions_give_the_same_losses() -> None:
+    network, batch = collected_slice()
+    for loss in (A3CLoss(network), RecurrentPPOLoss(network)):
+        expected = loss(batch)
+        one_hot = batch.clone()
+        one_hot["action"] = nn.functional.one_hot(batch["action"], 2)
+        assert (loss(one_hot) == expected).all()
+
+
+def test_every_key_can_be_set() -> None:
+    """Of the entries of a plain actor and critic, each under another name."""
+    network, batch = collected_slice()
+    expected = A3CLoss(network)(batch)
+    names = ("action", "reward", "done", "terminated")
+    loss = A3CLoss(network)
+    loss.set_keys(**{name: ("agent", name) for name in names})
+    for name in names:
+        side = batch if name == "action" else batch["next"]
+        side["agent", name] = side.pop(name)
+    assert (loss(batch) == expected).all()
+    assert (loss(batch.select(*loss.in_keys)) == expected).all()
+
+
+def test_an_advantage_that_is_there_is_used() -> None:
+    network, batch = collected_slice()
+    loss = A3CLoss(network, reduction="none")
+    batch["advantage"] = torch.ones_like(batch["state_value"])
+    batch["value_target"] = batch["state_value"] + 2
+    out = loss(batch)
+    torch.testing.assert_close(out["loss_objective"], -batch["action_log_prob"])
+    torch.testing.assert_close(
+        out["loss_critic"], torch.full_like(out["loss_critic"], 2)
+    )
+    with pytest.raises(KeyError, match="'value_target', the key of value_target"):
+        loss(batch.exclude("value_target"))
+
+
 def test_arguments_out_of_range_are_refused() -> None:
-    network, _ = collected_slice()
-    with pytest.raises(ValueError, match=r"gamma must be in \[0, 1\], got 1.5"):
-        A3CLoss(network, gamma=1.5)
+    network, batch = collected_slice()
+    with pytest.raises(ValueError, match=r"critic_network must be .* got Linear alone"):
+        A3CLoss(nn.Linear(2, 2))
+    with pytest.raises(KeyError, match="must have 'action', the key of action"):
+        A3CLoss(network)(batch.exclude("action"))
+    batch["action"] = batch["action"].unsqueeze(-1)
+    with pytest.raises(
+        ValueError,
+        match=r"numbers of the shape \[3, 6\] or one-hot .* got \[3, 6, 1\]",
+    ):
+        A3CLoss(network)(batch)
     with pytest.raises(ValueError, match=r"reduction must be one of .* got 'max'"):
         A3CLoss(network, reduction="max")  # type: ignore[arg-type]

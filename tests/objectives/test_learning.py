@@ -31,13 +31,13 @@ def descend(losses: TensorDictBase, optimizer: torch.optim.Optimizer) -> None:
 
 
 def a3c_update(network: ActorCritic) -> Update:
-    loss = A3CLoss(network, gamma=0.9)
+    loss = A3CLoss(network).make_value_estimator(gamma=0.9)
     optimizer = SharedRMSProp(network.parameters(), lr=0.01, eps=0.001)
     return lambda batch: descend(loss(batch), optimizer)
 
 
 def ppo_update(network: ActorCritic) -> Update:
-    loss = RecurrentPPOLoss(network, gamma=0.9)
+    loss = RecurrentPPOLoss(network).make_value_estimator(gamma=0.9)
     optimizer = torch.optim.Adam(network.parameters(), lr=0.003)
     minibatches = SequenceMinibatches(SLICE, num_minibatches=2, seed=0)
 
@@ -64,7 +64,7 @@ def train(network: ActorCritic, update: Update, num_updates: int) -> None:
 
 
 class Forgetful(TensorDictModuleBase):
-    """The network, told at every decision that an episode begins."""
+    """The network, with an episode's start at every decision."""
 
     def __init__(self, network: ActorCritic) -> None:
         super().__init__()

@@ -30,7 +30,7 @@ def test_worked_numbers_with_an_episode_s_end() -> None:
     scale = ReturnScale(1, gamma=0.5)
     done = torch.tensor([[False, True, False, False]])
     batch = make_batch(torch.tensor([[2.0, 4, 1, 0]]), done)
-    # The returns are 2, 4 + 1 = 5, then anew 1, 0.5: mean 2.125, variance
+    # The returns are 2, 4 + 1 = 5, then again 1, 0.5: mean 2.125, variance
     # (4 + 25 + 1 + 0.25) / 4 - 4.515625 = 3.046875.
     expected = torch.tensor([[2.0, 4, 1, 0]]) / 3.046875**0.5
     torch.testing.assert_close(scaled(scale, batch), expected)

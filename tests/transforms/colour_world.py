@@ -3,10 +3,17 @@
 import torch
 from tensordict import TensorDict
 
-from toponav.keys import BORN, NOVEL, NUM_WAYPOINTS, SIMILARITY, VISITS, WAYPOINT
+from toponav.keys import (
+    IS_NEW_WAYPOINT,
+    NOVEL,
+    NUM_WAYPOINTS,
+    SIMILARITY,
+    VISITS,
+    WAYPOINT,
+)
 from toponav.transforms import WaypointMemory
 
-FLAGS = (WAYPOINT, SIMILARITY, NOVEL, BORN, VISITS, NUM_WAYPOINTS)
+FLAGS = (WAYPOINT, SIMILARITY, NOVEL, IS_NEW_WAYPOINT, VISITS, NUM_WAYPOINTS)
 
 
 def embed(views):
@@ -52,21 +59,19 @@ class PlainMemory:
         *,
         threshold=0.8,
         capacity=200,
-        replacement="none",
         persistence=1,
         min_gap=1,
         count_on="every",
     ):
         self.threshold = threshold
         self.capacity = capacity
-        self.replacement = replacement
         self.persistence = persistence
         self.min_gap = min_gap
         self.count_on = count_on
 
     def reset(self, grey):
-        self.greys, self.visits, self.ages = [grey], [1], [0]
-        self.births, self.streak, self.since, self.last = 1, 0, 0, 0
+        self.greys, self.visits = [grey], [1]
+        self.streak, self.since, self.last = 0, 0, 0
         return 0, 0.0, True, True, 1, 1
 
     def step(self, grey):
@@ -83,22 +88,10 @@ class PlainMemory:
             return waypoint, similarity, False, False, visits, len(self.greys)
         self.streak += 1
         early = self.streak < self.persistence or self.since < self.min_gap
-        full = len(self.greys) == self.capacity
-        if early or (full and self.replacement == "none"):
+        if early or len(self.greys) == self.capacity:
             return -1, similarity, True, False, 0, len(self.greys)
-        self.last = slot = self._slot(full)
-        if not full:
-            for many in (self.greys, self.visits, self.ages):
-                many.append(None)
-        self.greys[slot], self.visits[slot], self.ages[slot] = grey, 1, self.births
-        self.births += 1
+        self.last = len(self.greys)
+        self.greys.append(grey)
+        self.visits.append(1)
         self.streak = self.since = 0
-        return slot, similarity, True, True, 1, len(self.greys)
-
-    def _slot(self, full):
-        if not full:
-            return len(self.greys)
-        slots = range(self.capacity)
-        if self.replacement == "oldest":
-            return min(slots, key=lambda slot: self.ages[slot])
-        return min(slots, key=lambda slot: (self.visits[slot], self.ages[slot]))
+        return self.last, similarity, True, True, 1, len(self.greys)

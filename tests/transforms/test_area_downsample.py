@@ -8,7 +8,7 @@ from torchrl.envs import TransformedEnv
 
 from tests.checks import check_parallel, check_transform
 from tests.fakes import FakeMaze
-from toponav.keys import PIXELS
+from toponav.keys import NETWORK_PIXELS, PIXELS
 from toponav.transforms import AreaDownsample
 
 
@@ -23,7 +23,7 @@ def make_env(batch_size=(), *, image_size=(12, 16), float_pixels=False):
 
 def shrink(views, factor):
     data = TensorDict({PIXELS: views}, batch_size=views.shape[:1])
-    return AreaDownsample(factor=factor)(data)[PIXELS]
+    return AreaDownsample(factor=factor)(data)[NETWORK_PIXELS]
 
 
 def test_worked_numbers():
@@ -61,10 +61,16 @@ def test_the_specs_hold_in_spawned_workers():
 
 
 def test_the_full_view_stays_under_another_key():
-    env = TransformedEnv(make_env(), AreaDownsample(out_keys=["small"]))
+    env = TransformedEnv(make_env(), AreaDownsample())
     views = env.rollout(2)
     assert views[PIXELS].shape[-3:] == (12, 16, 3)
-    assert views["small"].shape[-3:] == (6, 8, 3)
+    assert views[NETWORK_PIXELS].shape[-3:] == (6, 8, 3)
+
+
+def test_factor_one_hands_the_view_on():
+    env = TransformedEnv(make_env(), AreaDownsample(factor=1))
+    views = env.rollout(2)
+    assert torch.equal(views[NETWORK_PIXELS], views[PIXELS])
 
 
 def test_wrong_arguments_are_refused():
@@ -72,5 +78,5 @@ def test_wrong_arguments_are_refused():
         AreaDownsample(factor=0)
     with pytest.raises(ValueError, match="multiples of 5"):
         _ = TransformedEnv(make_env(), AreaDownsample(factor=5)).observation_spec
-    with pytest.raises(ValueError, match="must be observations of the env"):
+    with pytest.raises(ValueError, match="'view' must be an observation of the env"):
         _ = TransformedEnv(make_env(), AreaDownsample(["view"])).observation_spec

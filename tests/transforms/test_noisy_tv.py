@@ -3,6 +3,7 @@ from functools import partial
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.data import Composite, Unbounded
 from torchrl.envs import RenameTransform, SerialEnv, TransformedEnv
 
 from tests.checks import check_parallel, check_transform
@@ -271,16 +272,21 @@ def test_wrong_arguments_are_refused(arguments, message):
     [
         (
             NoisyTV(["nothing"]),
-            "in_keys must be observations of the env, got 'nothing'",
+            "'nothing' must be an observation of the env, got",
         ),
-        (NoisyTV([("privileged", "cell")]), "must be uint8 or floating point"),
-        (NoisyTV([("privileged", "heading")]), "must be HWC images"),
+        (NoisyTV([("privileged", "heading")]), "must be images, got"),
         (NoisyTV(scale="native"), "must be at least 42x42 .* got 12x16"),
     ],
 )
 def test_wrong_views_are_refused_with_the_specs(tv, message):
     with pytest.raises(ValueError, match=message):
         TransformedEnv(FakeMaze(), tv).observation_spec  # noqa: B018
+
+
+def test_views_of_integers_are_refused():
+    numbers = Composite(view=Unbounded((4, 4, 3), dtype=torch.int64))
+    with pytest.raises(ValueError, match="'view' must be uint8 or floating point"):
+        NoisyTV(["view"]).transform_observation_spec(numbers)
 
 
 def test_wrong_law_is_refused():

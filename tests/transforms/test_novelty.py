@@ -2,11 +2,9 @@ import math
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from toponav.transforms import (
-    aggregate_similarity,
     combine_rewards,
     count_reward,
     temporal_distance_reward,
@@ -41,8 +39,8 @@ def test_temporal_distance_reward_worked_numbers():
     similarity = torch.tensor([0.8, 0.5, 0.02, 0.0])
     paid = temporal_distance_reward(similarity, beta=0.8)
     torch.testing.assert_close(paid, torch.tensor([1.0, 1.6, 16.0, 16.0]))
-    paid = temporal_distance_reward(similarity, beta=0.8, floor=0.1, clip=1.5)
-    torch.testing.assert_close(paid, torch.tensor([1.0, 1.5, 1.5, 1.5]))
+    paid = temporal_distance_reward(similarity, beta=0.8, floor=0.1)
+    torch.testing.assert_close(paid, torch.tensor([1.0, 1.6, 8.0, 8.0]))
 
 
 @settings(deadline=None)
@@ -64,35 +62,6 @@ def test_combine_worked_numbers():
     )
 
 
-def test_aggregate_worked_numbers():
-    similarity = torch.tensor([[0.1, 0.5, 0.3, 0.9], [0.2, 0.4, 0.6, 0.8]])
-    live = torch.tensor([[True, True, True, False], [False] * 4])
-    assert aggregate_similarity(similarity, live).tolist() == pytest.approx([0.5, 0])
-    # The median of 0.1, 0.3, 0.5; a tenth of the way from 0.3 to 0.5 is 0.32.
-    median = aggregate_similarity(similarity, live, 50)
-    assert median.tolist() == pytest.approx([0.3, 0])
-    assert aggregate_similarity(similarity, live, 55)[0].item() == pytest.approx(0.32)
-
-
-@settings(deadline=None)
-@given(
-    row=st.lists(shares, min_size=1, max_size=8),
-    dead=st.lists(st.floats(allow_nan=True, width=32), max_size=3),
-)
-def test_dead_slots_are_never_read(row, dead):
-    similarity = torch.tensor([[*row, *dead]])
-    live = torch.arange(len(row) + len(dead)) < len(row)
-    found = aggregate_similarity(similarity, live.unsqueeze(0))
-    assert found.item() == max(row)
-    assert aggregate_similarity(similarity, live.unsqueeze(0), 100).item() == max(row)
-    assert aggregate_similarity(similarity, live.unsqueeze(0), 0).item() == min(row)
-
-
-def test_an_empty_memory_is_like_nothing():
-    empty = torch.empty(2, 0)
-    assert aggregate_similarity(empty, empty.bool()).tolist() == [0, 0]
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -103,16 +72,8 @@ def test_an_empty_memory_is_like_nothing():
             r"floor must be in \(0, 1\], got 0.0",
         ),
         (
-            lambda: temporal_distance_reward(torch.ones(1), 1.0, clip=0.0),
-            "clip must be above 0, got 0.0",
-        ),
-        (
             lambda: combine_rewards(*torch.zeros(3, 1), how="mean"),
             r"combine must be one of \('exclusive', 'sum'\), got 'mean'",
-        ),
-        (
-            lambda: aggregate_similarity(torch.ones(1, 1), torch.ones(1, 1) > 0, 101),
-            "aggregate must be 'max' or a percentile in .* got 101",
         ),
     ],
 )

@@ -41,8 +41,8 @@ WAY = [0.0, 0.125, 0.5, 0.5]
 
 def test_exclusive_worked_numbers():
     count, distance, both = pay(WAY)
-    # A second visit, 0.2 / sqrt(2); a birth at similarity 0.5, 0.8 / 0.5; and a
-    # second visit of the waypoint that was born.
+    # A second visit, 0.2 / sqrt(2); a new waypoint at similarity 0.5, 0.8 / 0.5; and a
+    # second visit of the new waypoint.
     assert count == pytest.approx([0.141421, 0, 0.141421], abs=1e-6)
     assert distance == pytest.approx([0, 1.6, 0])
     assert both == pytest.approx([0.141421, 1.6, 0.141421], abs=1e-6)
@@ -50,7 +50,7 @@ def test_exclusive_worked_numbers():
 
 def test_sum_worked_numbers():
     count, distance, both = pay(WAY, combine="sum")
-    # The birth counts as a first visit; similarities 0.875, 0.5 and 1 pay, too.
+    # The new waypoint counts as a first visit; similarities 0.875, 0.5 and 1 pay, too.
     assert count == pytest.approx([0.141421, 0.2, 0.141421], abs=1e-6)
     assert distance == pytest.approx([0.8 / 0.875, 1.6, 0.8])
     assert both == pytest.approx([1.055707, 1.8, 0.941421], abs=1e-6)
@@ -65,20 +65,20 @@ def test_the_parts_add_up(combine):
     assert both == pytest.approx(parts)
 
 
-def test_waiting_for_a_birth_pays_nothing():
+def test_waiting_to_become_a_waypoint_pays_nothing():
     _, distance, both = pay([0.0, 0.5, 0.5, 0.5, 0.5], persistence=3)
-    # Novel twice, then born at similarity 0.5, then known.
+    # Novel twice, then a waypoint at similarity 0.5, then known.
     assert distance == pytest.approx([0, 0, 1.6, 0])
     assert both[:2] == [0, 0]
 
 
-def test_a_full_memory_cannot_be_milked():
+def test_a_full_memory_pays_for_no_new_place():
     _, distance, both = pay([0.0, 1.0, 1.0, 1.0], capacity=1)
     assert distance == [0, 0, 0]
     assert both == [0, 0, 0]
 
 
-def test_novel_in_place_of_born_pays_while_waiting():
+def test_novel_in_place_of_new_pays_while_waiting():
     memory = make_memory(persistence=9)
     reward = TemporalDistanceReward(BETA, in_keys=[keys.SIMILARITY, keys.NOVEL])
     reset(memory, shade(0.0))
@@ -91,17 +91,21 @@ def test_staying_pays_nothing_when_entries_are_counted():
     assert count == pytest.approx([0, 0, 0, 0.141421], abs=1e-6)
 
 
-def test_floor_and_clip_are_used():
-    data = TensorDict(
-        {"similarity": torch.tensor([[0.0], [0.4]]), "born": torch.ones(2, 1) > 0}, [2]
-    )
-    for arguments, paid in (
-        ({"floor": 0.2}, [4.0, 2.0]),
-        ({"floor": 0.2, "clip": 3.0}, [3.0, 2.0]),
-    ):
-        reward = TemporalDistanceReward(BETA, **arguments)(data)
-        found = reward[keys.TEMPORAL_DISTANCE_REWARD].squeeze(-1).tolist()
-        assert found == pytest.approx(paid)
+def test_the_floor_is_used():
+    data = TensorDict({"similarity": torch.tensor([[0.0], [0.4]])}, [2])
+    data["is_new_waypoint"] = torch.ones(2, 1) > 0
+    reward = TemporalDistanceReward(BETA, floor=0.2)(data)
+    found = reward[keys.TEMPORAL_DISTANCE_REWARD].squeeze(-1).tolist()
+    assert found == pytest.approx([4.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "part", [CountReward(ALPHA), TemporalDistanceReward(BETA), IntrinsicReward()]
+)
+def test_a_missing_entry_is_named_with_who_reads_it(part):
+    message = rf"{type(part).__name__} must be given '\w+', got only \['other'\]"
+    with pytest.raises(ValueError, match=message):
+        part(TensorDict({"other": torch.zeros(1)}))
 
 
 def first_pixel(views):
@@ -117,7 +121,9 @@ def make_rewards(count="count_reward", distance="temporal_distance_reward"):
         WaypointMemory(first_pixel, closeness, threshold=0.8),
         CountReward(ALPHA, out_keys=[count]),
         TemporalDistanceReward(BETA, out_keys=[distance]),
-        IntrinsicReward(in_keys=[count, distance, "born"], out_keys=[("all", "paid")]),
+        IntrinsicReward(
+            in_keys=[count, distance, "is_new_waypoint"], out_keys=[("all", "paid")]
+        ),
     )
 
 
@@ -145,7 +151,6 @@ def test_the_tasks_reward_is_untouched():
         (partial(CountReward, -1.0), "alpha must be at least 0, got -1.0"),
         (partial(TemporalDistanceReward, -1.0), "beta must be at least 0, got -1.0"),
         (partial(TemporalDistanceReward, 1.0, floor=2.0), r"floor must be in \(0, 1\]"),
-        (partial(TemporalDistanceReward, 1.0, clip=-1.0), "clip must be above 0"),
         (partial(CountReward, 1.0, combine="both"), "combine must be one of"),
         (partial(IntrinsicReward, "mean"), "combine must be one of .* got 'mean'"),
         (partial(CountReward, 1.0, in_keys=["n"]), "in_keys must be 2 and out_keys 1"),

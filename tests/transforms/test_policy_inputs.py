@@ -23,7 +23,7 @@ def make_maze(batch_size, **arguments):
 
 def make_inputs():
     return Compose(
-        PolicyPixels((6, 9)), PreviousAction(), PreviousReward(in_keys=["reward"])
+        PolicyPixels((6, 9)), PreviousAction(6), PreviousReward(in_keys=["reward"])
     )
 
 
@@ -36,7 +36,7 @@ def test_specs_hold_for_float_views_and_keys_of_ones_own():
         partial(make_maze, float_pixels=True),
         lambda: Compose(
             PolicyPixels((5, 5), out_keys=[("mine", "view")]),
-            PreviousAction(out_keys=[("mine", "act")]),
+            PreviousAction(6, out_keys=[("mine", "act")]),
             PreviousReward(in_keys=["reward"], out_keys=[("mine", "paid")]),
         ),
     )
@@ -81,7 +81,7 @@ def rollout(env, decisions=9):
 
 
 def test_the_previous_action_is_the_one_before():
-    data = rollout(TransformedEnv(make_maze([3]), PreviousAction()))
+    data = rollout(TransformedEnv(make_maze([3]), PreviousAction(6)))
     before = data[keys.PREVIOUS_ACTION].squeeze(-1)
     # Episodes have four decisions: an episode starts at 0, 4 and 8.
     for start in (0, 4, 8):
@@ -122,7 +122,7 @@ def test_the_previous_reward_is_clipped_and_the_reward_is_not():
 def test_a_partial_reset_forgets_only_the_rows_that_restart():
     env = TransformedEnv(
         make_maze([3]),
-        Compose(PreviousAction(), PreviousReward(in_keys=["reward"])),
+        Compose(PreviousAction(6), PreviousReward(in_keys=["reward"])),
     )
     first = env.reset()
     first["action"] = torch.tensor([3, 4, 5])
@@ -140,7 +140,10 @@ def test_a_partial_reset_forgets_only_the_rows_that_restart():
         (partial(PolicyPixels, (0, 84)), r"size must be .* got \(0, 84\)"),
         (partial(PolicyPixels, out_keys=["a", "b"]), "out_keys must match"),
         (partial(PreviousAction, 1), "num_actions must be at least 2, got 1"),
-        (partial(PreviousAction, in_keys=["a", "b"]), "must be one key each"),
+        (
+            partial(PreviousAction, 6, in_keys=["a", "b"]),
+            "in_keys must be 1 and out_keys 1",
+        ),
         (partial(PreviousReward, 0.0), "clip must be above 0, got 0.0"),
     ],
 )
@@ -152,11 +155,17 @@ def test_wrong_arguments_are_refused(make, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (partial(PolicyPixels, in_keys=["rgb"]), "must be observations .* got 'rgb'"),
+        (
+            partial(PolicyPixels, in_keys=["rgb"]),
+            "'rgb' must be an observation of the env, got",
+        ),
         (partial(PolicyPixels, in_keys=[keys.CELL]), r"must be images, got \[2\]"),
         (partial(PreviousAction, 7), "num_actions must be that of 'action', 6, got 7"),
-        (partial(PreviousAction, in_keys=["act"]), "must be an action of the env"),
-        (PreviousReward, "must be a reward of the env, got 'intrinsic_reward'"),
+        (
+            partial(PreviousAction, 6, in_keys=["act"]),
+            "'act' must be an action of the env, got",
+        ),
+        (PreviousReward, "'intrinsic_reward' must be a reward of the env, got"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_specs(make, message):

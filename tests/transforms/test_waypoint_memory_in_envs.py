@@ -26,7 +26,10 @@ from toponav.transforms import (
     WaypointTruth,
 )
 
-OWN_KEYS = [("novelty", name) for name in ("embedding", "place", "like", "new", "born")]
+OWN_KEYS = [
+    ("novelty", name)
+    for name in ("embedding", "place", "like", "new", "is_new_waypoint")
+]
 OWN_KEYS += ["visits_of_mine", ("novelty", "how_many")]
 
 
@@ -43,16 +46,16 @@ def make_maze(batch_size):
 
 
 def make_chain(**arguments):
-    settings = {"threshold": 0.8, "capacity": 5, "replacement": "oldest"} | arguments
+    settings = {"threshold": 0.8, "capacity": 5} | arguments
     return Compose(
         WaypointMemory(first_pixel, closeness, **settings),
         CountReward(0.2),
         TemporalDistanceReward(0.8),
         IntrinsicReward(),
         PolicyPixels((6, 8)),
-        PreviousAction(),
+        PreviousAction(6),
         PreviousReward(),
-        WaypointTruth(),
+        WaypointTruth(96),
     )
 
 
@@ -102,7 +105,7 @@ def make_refreshable(network):
     return WaypointMemory(network.embed, compare, threshold=0.8, keep_images=True)
 
 
-def test_refresh_embeds_every_waypoint_anew():
+def test_refresh_embeds_every_waypoint_again():
     network = Shared()
     memory = make_refreshable(network)
     reset(memory, shade(0.0, 1.0))
@@ -156,19 +159,17 @@ def test_images_are_kept_as_they_were_seen():
     data = env.rollout(5, break_when_any_done=False)
     images = env.transform[0].slots.images
     assert images.dtype is torch.uint8
-    births = data["next", keys.BORN].squeeze(-1).nonzero().tolist()
-    assert len(births) > 4
-    for row, decision in births:
+    new_waypoints = data["next", keys.IS_NEW_WAYPOINT].squeeze(-1).nonzero().tolist()
+    assert len(new_waypoints) > 4
+    for row, decision in new_waypoints:
         now = data["next"][row, decision]
         assert (images[row, now[keys.WAYPOINT].item()] == now[keys.PIXELS]).all()
 
 
-@pytest.mark.parametrize("replacement", ["none", "least_visited"])
-def test_a_resumed_episode_goes_on_the_same(replacement):
+def test_a_resumed_episode_goes_on_the_same():
     arguments = {
         "threshold": 0.7,
         "capacity": 4,
-        "replacement": replacement,
         "persistence": 2,
         "min_gap": 2,
         "count_on": "entry",
@@ -213,7 +214,7 @@ def test_slots_grow_and_keep_what_they_hold():
     memory = WaypointMemory(embed, compare, threshold=0.99, keep_images=True)
     reset(memory, shade(0.0))
     for number in range(1, 41):
-        assert step(memory, shade(number / 40))[keys.BORN].item()
+        assert step(memory, shade(number / 40))[keys.IS_NEW_WAYPOINT].item()
     for number in range(41):
         assert step(memory, shade(number / 40))[keys.WAYPOINT].item() == number
         assert memory.slots.images[0, number].item() == pytest.approx(number / 40)
@@ -280,12 +281,11 @@ def test_what_does_not_fit_is_refused_with_the_specs(memory, message):
         TransformedEnv(FakeMaze(), memory()).observation_spec  # noqa: B018
 
 
-class FarMemory(WaypointMemory):
-    """Keeps its books as on a device that must be waited for."""
-
-    @staticmethod
-    def _is_near(device):
-        return False
+def make_far_memory(*callables, **arguments):
+    """A memory that works as on a device that must be waited for."""
+    memory = WaypointMemory(*callables, **arguments)
+    memory.reads.is_free = lambda device: False
+    return memory
 
 
 def check_far(far, to_device, **arguments):
@@ -294,13 +294,13 @@ def check_far(far, to_device, **arguments):
     arguments |= {"threshold": 0.95, "keep_images": True}
     near = WaypointMemory(embed, compare, **arguments)
     far = far(embed, compare, **arguments)
-    births = 0
+    new_waypoints = 0
     for number, now in enumerate(way):
         act = reset if number % 25 == 0 else step
         one, other = act(near, shade(*now)), act(far, to_device(shade(*now)))
         torch.testing.assert_close(one, other.cpu())
-        births += int(one[keys.BORN].sum())
-    assert births > 30
+        new_waypoints += int(one[keys.IS_NEW_WAYPOINT].sum())
+    assert new_waypoints > 15
     far.refresh()
     live = near.slots.live
     for name in ("memory", "images"):
@@ -310,20 +310,16 @@ def check_far(far, to_device, **arguments):
         )
 
 
-CAPACITIES = [
-    {"capacity": 100},
-    {"capacity": 6},
-    {"capacity": 6, "replacement": "least_visited"},
-]
+CAPACITIES = [{"capacity": 100}, {"capacity": 6}]
 
 
 @pytest.mark.parametrize("arguments", CAPACITIES)
 def test_it_does_the_same_without_looking_at_the_numbers(arguments):
-    check_far(FarMemory, lambda data: data, **arguments)
+    check_far(make_far_memory, lambda data: data, **arguments)
 
 
 def test_broken_embeddings_are_found_soon_without_looking_each_time():
-    memory = FarMemory(embed, compare)
+    memory = make_far_memory(embed, compare)
     reset(memory, shade(0.0))
     broken = shade(float("nan"))
     with pytest.raises(ValueError, match="'embedding' must be finite"):

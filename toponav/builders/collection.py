@@ -1,112 +1,101 @@
-"""Where frames come from: mazes, collectors, the storage, held-out episodes."""
+"""Where frames come from: worlds, collectors, the storage, held-out episodes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
+from torchrl.envs.transforms import ExcludeTransform
 from torchrl.weight_update import NoWeightSyncScheme
 from tqdm import tqdm
 
-from toponav.builders.mazes import make_env
 from toponav.builders.process_memory import keep_freed_memory
+from toponav.builders.protocols import World
+from toponav.builders.rollouts import collect_rollout
 from toponav.builders.shutdown import stop_collector
 from toponav.collectors import PatientAsyncCollector
-from toponav.config import MazeConfig, PretrainConfig
+from toponav.config import PretrainConfig, require
 from toponav.data import HeldOut
-from toponav.evaluation import RandomPolicy, StickyPolicy
-from toponav.keys import ACTION, CELL, HEADING, PIXELS, POSITION, TRAJECTORY
+from toponav.keys import (
+    ACTION,
+    HEADING,
+    NETWORK_PIXELS,
+    PIXELS,
+    POSITION,
+    TRAJECTORY,
+)
+from toponav.policies import RandomPolicy, StickyPolicy, forward_weights
 from toponav.transforms import AreaDownsample
+from toponav.worlds import WorldSpec
 
 #: What of a frame is kept for training.
-FRAME_KEYS = (PIXELS, ACTION, TRAJECTORY, "step_count")
-#: What of a held-out frame is kept; the poses are for the report alone.
-HELD_OUT_KEYS = (PIXELS, ACTION, POSITION, HEADING, CELL)
+FRAME_KEYS = (NETWORK_PIXELS, ACTION, TRAJECTORY, "step_count")
+#: What of a held-out frame is kept; poses, where there are any, are for the report.
+HELD_OUT_KEYS = (NETWORK_PIXELS, ACTION, POSITION, HEADING)
 # Seeds of one run lie in one block; training and validation in their own parts.
 _SEEDS_PER_RUN = 1000
 _FIRST_HELD_OUT_SEED = 900
 
 
-def split_mazes(config: PretrainConfig) -> list[MazeConfig]:
-    """The mazes of a run, one setting each.
-
-    Raises:
-        SettingsError: if ``mazes`` names one that the package does not have.
-    """
-    if not config.mazes:
-        return [config.maze]
-    return [replace(config.maze, name=name) for name in config.mazes]
-
-
-def make_walk_env(
-    maze: MazeConfig, *, envs: int, seed: int, halve: bool, privileged: bool = False
-) -> EnvBase:
-    """A batch of mazes to walk in at random, with the step number of each frame.
-
-    Args:
-        maze: the maze.
-        envs: number of mazes E side by side.
-        seed: of the episodes.
-        halve: whether views are halved.
-        privileged: whether to give the truth that evaluation needs.
-    """
-    # One process, one core: threads of torch would only get in each other's way.
+def make_walk_env(world: World, *, envs: int, seed: int, halve: bool) -> EnvBase:
+    """A batch of E environments for a collecting process."""
+    # One process, one core: threads of torch would compete for it.
     torch.set_num_threads(1)
     keep_freed_memory()
-    return add_walk_transforms(
-        make_env(maze, batch_size=envs, seed=seed, privileged=privileged), halve=halve
-    )
+    return add_walk_transforms(world.make_env(batch_size=envs, seed=seed), halve=halve)
 
 
 def add_walk_transforms(env: EnvBase, *, halve: bool) -> EnvBase:
-    """The step number, and smaller views if wanted."""
-    transforms = [AreaDownsample()] if halve else []
-    return TransformedEnv(env, Compose(*transforms, StepCounter()))
+    """The views that the networks read, in place of the full ones; the step number."""
+    shrink = AreaDownsample(factor=2 if halve else 1)
+    return TransformedEnv(env, Compose(shrink, ExcludeTransform(PIXELS), StepCounter()))
 
 
-def make_walk_policy(kind: str, *, seed: int) -> TensorDictModuleBase:
-    """Who walks: ``uniform`` or ``sticky``."""
+def make_walk_policy(kind: str, world: WorldSpec, *, seed: int) -> TensorDictModuleBase:
+    """A random policy: ``uniform``, or ``sticky``, which favours moving forward."""
     if kind == "sticky":
-        return StickyPolicy(seed=seed)
-    return RandomPolicy(seed=seed)
+        weights = forward_weights(world.actions)
+        return StickyPolicy(world.num_actions, weights=weights, seed=seed)
+    return RandomPolicy(world.num_actions, seed=seed)
 
 
-def make_collector(config: PretrainConfig) -> PatientAsyncCollector:
-    """Processes that walk in the mazes while the caller does something else.
+def make_collector(
+    config: PretrainConfig, worlds: Sequence[World]
+) -> PatientAsyncCollector:
+    """Processes that walk at random in the worlds while the caller does other things.
 
-    Each hands over batches of ``collect.batch`` decisions and stays at most one batch
+    Each delivers batches of ``collect.batch`` decisions and stays at most one batch
     ahead. One process gives the same frames in the same order every time; several
-    take turns as they come. Shut it down in ``finally``; never ask it for its state
-    while it runs (it would drop a rollout and hang).
-
-    Args:
-        config: settings of the run.
+    deliver in any order. Shut it down in ``finally``; never ask it for its state while
+    it runs (it would drop a rollout and hang).
 
     Raises:
         EngineError: from the first batch, if the engine cannot start.
     """
-    mazes, collect = split_mazes(config), config.collect
-    num_workers = -(-max(collect.workers, len(mazes)) // len(mazes)) * len(mazes)
-    seeds = [_SEEDS_PER_RUN * config.seed + worker for worker in range(num_workers)]
+    collect = config.collect
+    per_world = -(-max(collect.workers, len(worlds)) // len(worlds))
+    workers = [
+        (worlds[number % len(worlds)], _SEEDS_PER_RUN * config.seed + number)
+        for number in range(per_world * len(worlds))
+    ]
     return PatientAsyncCollector(
         [
             partial(
                 make_walk_env,
-                mazes[worker % len(mazes)],
+                world,
                 envs=collect.envs,
                 seed=seed,
-                halve=config.halve,
+                halve=config.model.halve,
             )
-            for worker, seed in enumerate(seeds)
+            for world, seed in workers
         ],
         policy_factory=[
-            partial(make_walk_policy, collect.policy, seed=seed) for seed in seeds
+            partial(make_walk_policy, collect.policy, world.spec, seed=seed)
+            for world, seed in workers
         ],
         frames_per_batch=collect.batch,
         total_frames=-1,
@@ -120,70 +109,96 @@ def make_collector(config: PretrainConfig) -> PatientAsyncCollector:
 
 @contextmanager
 def collect_frames(
-    config: PretrainConfig, *, needed: bool = True
+    config: PretrainConfig, worlds: Sequence[World], *, needed: bool = True
 ) -> Iterator[Iterator[TensorDictBase]]:
-    """Batches of frames of a `make_collector` that ends with the ``with`` block.
+    """Batches of a `make_collector`, which ends with the ``with`` block.
 
-    Args:
-        config: settings of the run.
-        needed: whether there is anything to collect; without, no process is started.
+    Without ``needed`` no process is started, and there are none.
     """
     if not needed:
         yield iter(())
         return
-    collector = make_collector(config)
+    collector = make_collector(config, worlds)
     try:
         yield iter(collector)
     finally:
         stop_collector(collector)
 
 
-def make_frame_buffer(config: PretrainConfig) -> TensorDictReplayBuffer:
-    """The ring of frames: ``buffer.extend`` writes, pair sources read its storage."""
-    storage = LazyTensorStorage(config.buffer)
-    return TensorDictReplayBuffer(storage=storage, batch_size=config.collect.batch)
+def frames_that_fit(gb: float, view_size: tuple[int, int], *, halve: bool) -> int:
+    """Number of frames whose views take so many gigabytes.
+
+    Examples:
+        >>> frames_that_fit(0.001, (120, 160), halve=True)
+        69
+    """
+    side = 2 if halve else 1
+    height, width = view_size
+    return int(gb * 1e9) // ((height // side) * (width // side) * 3)
 
 
-def collect_held_out(config: PretrainConfig, maze: MazeConfig, index: int) -> HeldOut:
-    """Random episodes that no training sees, with the poses beside them.
+def make_frame_buffer(
+    config: PretrainConfig, world: WorldSpec
+) -> TensorDictReplayBuffer:
+    """The ring buffer of frames; pair sources read its storage.
 
-    The actions are uniform whatever policy the training walks with, so that figures
-    of different runs compare.
+    Raises:
+        SettingsError: if it would be too small for a negative pair of each environment.
+    """
+    collect, pairs = config.collect, config.pairs
+    frames = frames_that_fit(
+        collect.buffer_gb, world.view_size, halve=config.model.halve
+    )
+    frames = max(frames, collect.batch)
+    longest = max(pairs.k * max(pairs.m, config.validate.m), pairs.locomotion_k)
+    length = frames // (collect.envs * collect.workers)
+    require(
+        length > longest,
+        "frames in collect.buffer_gb / (workers * envs) must be more than M * k = "
+        f"{longest} decisions",
+        length,
+    )
+    return TensorDictReplayBuffer(
+        storage=LazyTensorStorage(frames), batch_size=collect.batch
+    )
 
-    Args:
-        config: settings of the run.
-        maze: the maze.
-        index: the maze's number in the run; with the seed it draws the episodes.
+
+def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[HeldOut]:
+    """Random episodes of each world that no training sees.
+
+    The actions are uniform whatever policy the training walks with, so that the
+    measurements of different runs compare.
 
     Raises:
         EngineError: if the engine cannot start.
     """
     validate = config.validate
-    seed = _SEEDS_PER_RUN * config.seed + _FIRST_HELD_OUT_SEED + index
-    maze = replace(maze, episode_length=validate.decisions)
-    env = add_walk_transforms(
-        make_env(maze, batch_size=validate.episodes, seed=seed, privileged=True),
-        halve=config.halve,
-    )
-    step = min(validate.decisions, 60)
-    collector = Collector(
-        env,
-        make_walk_policy("uniform", seed=seed),
-        frames_per_batch=step * validate.episodes,
-        total_frames=-1,
-        compact_obs=True,
-        auto_register_policy_transforms=False,
-    )
-    total = validate.episodes * validate.decisions
-    parts: list[TensorDictBase] = []
-    try:
-        with tqdm(total=total, unit="decision", desc=f"held out {maze.name}") as bar:
-            for frames in collector:
-                parts.append(frames.select(*HELD_OUT_KEYS).clone())
-                bar.update(min(frames.numel(), total - bar.n))
-                if bar.n >= total:
-                    break
-    finally:
-        stop_collector(collector)
-    frames = torch.cat(parts, dim=1)[:, : validate.decisions]
-    return HeldOut(frames, name=maze.name)
+    found = []
+    for number, world in enumerate(worlds):
+        seed = _SEEDS_PER_RUN * config.seed + _FIRST_HELD_OUT_SEED + number
+        env = world.make_env(
+            batch_size=validate.episodes,
+            seed=seed,
+            privileged=world.spec.has_truth,
+            episode_length=validate.decisions,
+        )
+        env = add_walk_transforms(env, halve=config.model.halve)
+        policy = make_walk_policy("uniform", world.spec, seed=seed)
+        # One draw that is not played: held-out episodes are the same in all versions.
+        policy(TensorDict(batch_size=[validate.episodes]))
+        total = validate.episodes * validate.decisions
+        try:
+            with tqdm(
+                total=total, unit="decision", desc=f"held out {world.name}"
+            ) as bar:
+                rollout = collect_rollout(
+                    env,
+                    policy,
+                    validate.decisions,
+                    keep=HELD_OUT_KEYS,
+                    progress=bar.update,
+                )
+        finally:
+            env.close()
+        found.append(HeldOut(rollout.frames, name=world.name))
+    return found

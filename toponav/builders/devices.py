@@ -9,11 +9,7 @@ from toponav.config import SettingsError
 
 
 def make_device(name: str) -> torch.device:
-    """The device that a setting names.
-
-    Args:
-        name: ``auto`` for a GPU if there is one, else the processor; or a name that
-            torch knows.
+    """The device of a name of torch's, or of ``auto``: a GPU if there is one.
 
     Raises:
         SettingsError: if torch does not know the name, or has no such device.
@@ -35,17 +31,7 @@ def make_device(name: str) -> torch.device:
 
 
 def make_autocast(device: torch.device, *, bf16: bool) -> AbstractContextManager[None]:
-    """Computing in bfloat16 where that is fast, else nothing; enter it at every use.
-
-    Args:
-        device: of the networks.
-        bf16: whether bfloat16 is wanted.
-
-    Examples:
-        >>> with make_autocast(torch.device("cpu"), bf16=False):
-        ...     (torch.ones(2, 2) @ torch.ones(2, 2)).dtype
-        torch.float32
-    """
+    """Computing in bfloat16 if it is wanted and fast; may be entered many times."""
     if not (bf16 and has_fast_bf16(device)):
         return nullcontext()
     return torch.autocast(device.type, dtype=torch.bfloat16)
@@ -63,13 +49,7 @@ def has_fast_bf16(device: torch.device) -> bool:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Compute on one thread for a while: many small products are faster so.
-
-    Examples:
-        >>> with one_thread():
-        ...     torch.get_num_threads()
-        1
-    """
+    """Compute on one thread for a while: many small products are faster so."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

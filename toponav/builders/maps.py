@@ -1,17 +1,24 @@
 """Maps from settings: their rules, their thresholds, and the network behind them."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 
 from torch import Tensor
 
-from toponav.builders.explore_env import tc_dtype
+from toponav.builders.networks import MAZE_WORLD
+from toponav.builders.novelty import network_dtype
 from toponav.config import MapConfig, SettingsError
-from toponav.graph import TopologicalMap
+from toponav.graph import MapRules, TopologicalMap
 from toponav.modules import TCNetwork
+from toponav.worlds import WorldSpec
 
 
 def make_map(
-    config: MapConfig, tc: TCNetwork, thresholds: Mapping[str, float]
+    config: MapConfig,
+    tc: TCNetwork,
+    thresholds: Mapping[str, float],
+    *,
+    world: WorldSpec = MAZE_WORLD,
 ) -> TopologicalMap:
     """An empty map.
 
@@ -19,6 +26,7 @@ def make_map(
         config: its rules.
         tc: embeds and compares, in ``eval()`` mode.
         thresholds: those that were calibrated.
+        world: that is explored.
 
     Raises:
         SettingsError: if a threshold was not calibrated, or does not fit the other.
@@ -32,24 +40,15 @@ def make_map(
             f"map.tc_reach must be at most map.tc_threshold = {threshold:g}, got "
             f"{reach:g}"
         )
+    settings = {field.name: getattr(config, field.name) for field in fields(MapRules)}
+    settings |= {"tc_threshold": threshold, "tc_reach": reach}
     embed, compare, prepare = on_cpu(tc)
     return TopologicalMap(
         embed,
         compare,
+        MapRules(**settings),
         prepare=prepare,
-        tc_threshold=threshold,
-        tc_reach=reach,
-        edges=config.edges,  # type: ignore[arg-type]
-        extend_by=config.extend_by,  # type: ignore[arg-type]
-        link_transitions=config.link_transitions,
-        window=config.window,
-        search_window=config.search_window,
-        surroundings=config.surroundings,
-        surroundings_above=config.surroundings_above,
-        hysteresis=config.hysteresis,
-        nearby=config.nearby,
-        shortlist=config.shortlist,
-        unwalked_cost=config.unwalked_cost,
+        goal_reward=world.goal_reward,
     )
 
 
@@ -90,7 +89,7 @@ def on_cpu(
     """What a map calls: `embed`, `compare` and `prepare`, wherever the network is."""
 
     def to_network(values: Tensor) -> Tensor:
-        return values.to(next(tc.parameters()).device, tc_dtype(tc))
+        return values.to(next(tc.parameters()).device, network_dtype(tc))
 
     def embed(views: Tensor) -> Tensor:
         return tc.embed(views.to(next(tc.parameters()).device)).float().cpu()

@@ -1,11 +1,13 @@
 """Mazes: layouts and environments."""
 
+from collections.abc import Iterable
+
 import torch
 
 from toponav.config import MazeConfig, SettingsError
 from toponav.envs import (
-    DoomMazeEnv,
     Layout,
+    MazeEnv,
     load_layout_file,
     load_maze,
     make_random_layout,
@@ -34,18 +36,22 @@ def make_layout(config: MazeConfig) -> Layout:
 def make_env(
     config: MazeConfig,
     *,
+    engine: str = "vizdoom",
     batch_size: int | None = None,
     seed: int = 0,
     privileged: bool = False,
+    goal_cells: Iterable[tuple[int, int]] | None = None,
     device: torch.device | str = "cpu",
-) -> DoomMazeEnv:
+) -> MazeEnv:
     """A batch of mazes.
 
     Args:
         config: the maze and what its episodes hold.
+        engine: name of the engine that draws it.
         batch_size: number of mazes; ``None`` is one without a batch dimension.
         seed: seed of the episodes.
-        privileged: whether to give the truth that evaluation needs.
+        privileged: whether to add the ground truth that evaluation needs.
+        goal_cells: cells where the goal can be; all but the slots unless given.
         device: where the tensors go.
 
     Raises:
@@ -54,12 +60,14 @@ def make_env(
     """
     layout = make_layout(config)
     try:
-        return DoomMazeEnv(
+        return MazeEnv(
             layout,
+            engine=engine,
             batch_size=batch_size,
             apples=config.apples,
             goal=config.goal,
             blocked=config.blocked,
+            goal_cells=goal_cells,
             episode_length=config.episode_length,
             texture_seed=config.texture_seed,
             paintings=config.paintings,

@@ -9,116 +9,120 @@ from torch import Tensor
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv
 from torchrl.envs.transforms import Compose
 
-from toponav.builders.explore_collector import seed_of
 from toponav.builders.mazes import make_env
-from toponav.builders.navigation import Explored
+from toponav.builders.navigation import AgentKnowledge, GroundTruth
+from toponav.builders.rollouts import collect_rollout
+from toponav.builders.seeds import seed_of
 from toponav.config import MazeConfig, NavigateConfig, SettingsError
-from toponav.evaluation import FrontierExpert, pick_goal_views
-from toponav.graph import Navigator
+from toponav.ground_truth import pick_goal_views
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
+from toponav.policies import FrontierExpert
 from toponav.transforms import GoalViews, PreviousReward
 
-# Apart from the seeds of the episodes, and how long the photographer walks.
-_WALK, _WALKERS, _DECISIONS = 55, 4, 900
-#: What the task pays for a goal, and for nothing else.
-GOAL_REWARD = 10.0
+# Apart from the seeds of the episodes.
+_WALK, _WALKERS = 55, 4
+# Decisions of a walk between two choices of pictures; most decisions for each cell.
+_CHUNK, _MOST_PER_CELL = 900, 50
 
 
-@dataclass
+@dataclass(frozen=True)
 class GoalPlaces:
-    """The places where a goal can be.
+    """The places where a goal can be: those with pictures.
 
     Args:
         cells: int64 ``[K, 2]``, row and column.
         views: uint8 ``[K, V, H, W, 3]``, V pictures of each.
+        num_without: how many other places have no picture.
     """
 
     cells: Tensor
     views: Tensor
+    num_without: int = 0
 
 
-def make_goal_places(config: NavigateConfig, explored: Explored) -> GoalPlaces:
-    """Choose the pictures of every cell that is no slot.
+def make_goal_places(
+    config: NavigateConfig, knowledge: AgentKnowledge, truth: GroundTruth
+) -> GoalPlaces:
+    """Choose pictures of every cell that is no slot and of which there are some.
 
     Whoever poses the task knows where each picture was taken; the agent gets the
     pictures alone.
 
     Raises:
-        SettingsError: if a cell has no picture.
+        SettingsError: if no cell has a picture.
     """
-    slots = set(explored.layout.slots.values())
-    cells = [cell for cell in explored.layout.cells if cell not in slots]
+    slots = set(truth.layout.slots.values())
+    cells = [cell for cell in truth.layout.cells if cell not in slots]
     if config.goals.source == "map":
-        views, poses = explored.map.images, np.asarray(explored.poses)
+        views, poses = knowledge.map.images, np.asarray(truth.poses)
     else:
-        views, poses = _walk_for_views(config, explored)
-    chosen = pick_goal_views(
+        views, poses = _walk_for_views(config, truth, cells)
+    chosen = _choose(config, truth, cells, poses)
+    found = torch.from_numpy((chosen >= 0).all(1))
+    if not found.any():
+        raise SettingsError(
+            f"goals.source must have a picture of one of {len(cells)} places at least, "
+            f"got none from '{config.goals.source}' (did you mean a longer exploration "
+            "or goals.source=walk?)"
+        )
+    return GoalPlaces(
+        torch.tensor(cells)[found],
+        views[torch.from_numpy(chosen)[found]],
+        int((~found).sum()),
+    )
+
+
+def _choose(
+    config: NavigateConfig,
+    truth: GroundTruth,
+    cells: Sequence[tuple[int, int]],
+    poses: np.ndarray,
+) -> np.ndarray:
+    """Numbers of the pictures of each cell, int ``[K, V]``, -1 without any."""
+    return pick_goal_views(
         poses[:, :2],
         poses[:, 2],
         cells,
-        explored.ways,
+        truth.distances,
         num_views=config.goals.views,
     )
-    if (chosen < 0).any():
-        missing = [cells[at] for at in (chosen[:, 0] < 0).nonzero()[0]]
-        raise SettingsError(
-            f"goals.source must have a picture of every place, got none of "
-            f"{len(missing)} cells, the first {missing[0]}, from "
-            f"'{config.goals.source}' (did you mean a longer exploration, or "
-            "goals.source=walk?)"
-        )
-    return GoalPlaces(torch.tensor(cells), views[torch.from_numpy(chosen)])
 
 
 def _walk_for_views(
-    config: NavigateConfig, explored: Explored
+    config: NavigateConfig, truth: GroundTruth, cells: Sequence[tuple[int, int]]
 ) -> tuple[Tensor, np.ndarray]:
-    """Views and poses of a scripted walk through the whole maze, without a goal."""
+    """Views and poses of a scripted walk, of which only those chosen are kept.
+
+    It ends when every walker has visited every cell, or after so many decisions that
+    what is missing cannot be reached.
+    """
     maze = replace(config.maze, goal=False, blocked=[], apples=0)
-    env = make_env(
-        maze,
-        batch_size=_WALKERS,
-        seed=seed_of(config.seed, _WALK),
-        privileged=True,
-    )
+    seed, keys = seed_of(config.seed, _WALK), [PIXELS, POSITION, HEADING]
+    views: Tensor | None = None
+    poses = np.empty((0, 3))
+    env = make_env(maze, batch_size=_WALKERS, seed=seed, privileged=True)
     walker = FrontierExpert(
-        torch.as_tensor(explored.layout.open_mask),
-        slot_cells=list(explored.layout.slots.values()),
+        torch.as_tensor(truth.layout.open_mask),
+        world=env.world,
+        slot_cells=list(truth.layout.slots.values()),
         init_key=None,
         seed=config.seed,
     )
-    views, poses = [], []
     try:
-        now = env.reset()
-        for _ in range(_DECISIONS):
-            views.append(now[PIXELS])
-            poses.append(torch.cat([now[POSITION], now[HEADING]], -1))
-            _, now = env.step_and_maybe_reset(walker(now))
+        for _ in range(0, _MOST_PER_CELL * len(cells) + _CHUNK, _CHUNK):
+            seen = collect_rollout(env, walker, _CHUNK, keep=keys).frames.reshape(-1)
+            pose = torch.cat([seen[POSITION], seen[HEADING]], -1)
+            views = seen[PIXELS] if views is None else torch.cat([views, seen[PIXELS]])
+            poses = np.concatenate([poses, np.asarray(pose, float)])
+            chosen = np.unique(_choose(config, truth, cells, poses))
+            kept = chosen[chosen >= 0]
+            views, poses = views[kept], poses[kept]
+            if walker.visited.all():
+                break
     finally:
         env.close()
-    return torch.cat(views), np.asarray(torch.cat(poses), float)
-
-
-def find_lost_goals(
-    navigator: Navigator, places: GoalPlaces, cells_only: int = 3
-) -> str | None:
-    """A sentence about goals whose pictures are like no waypoint, if there are any."""
-    views = places.views
-    embedding = navigator.embed(views.flatten(0, 1)).float()
-    _, similarity = navigator.localiser.nearest(embedding)
-    best = similarity.reshape(views.shape[:2]).max(1).values
-    unlike = (best <= navigator.localiser.tc_reach).nonzero().flatten().tolist()
-    if not unlike:
-        return None
-    named = ", ".join(
-        f"{tuple(places.cells[at].tolist())} ({best[at]:.2f})"
-        for at in unlike[:cells_only]
-    )
-    return (
-        "a goal's pictures must be like a waypoint, with a similarity above "
-        f"{navigator.localiser.tc_reach:.2f}, got less for {len(unlike)} of "
-        f"{len(best)} cells: {named}; the most similar waypoint is taken"
-    )
+    assert views is not None
+    return views, poses
 
 
 def make_navigation_env(
@@ -126,11 +130,11 @@ def make_navigation_env(
 ) -> EnvBase:
     """A batch of mazes with a goal, its pictures, and all that a navigator reads.
 
-    The truth is there too, for those who judge and for the oracle.
+    The ground truth is there too, for those who judge and for the oracle.
 
     Args:
         maze: with ``goal`` true.
-        places: the pictures.
+        places: where the goal can be.
         envs: number of mazes E side by side.
         seed: of the episodes.
 
@@ -138,12 +142,15 @@ def make_navigation_env(
         SettingsError: if the settings do not fit the maze.
         EngineError: if the engine cannot start.
     """
-    bare = make_env(maze, batch_size=envs, seed=seed, privileged=True)
+    cells = [(row, column) for row, column in places.cells.tolist()]
+    env = make_env(maze, batch_size=envs, seed=seed, privileged=True, goal_cells=cells)
+    goal_reward = env.world.goal_reward
+    assert goal_reward is not None  # mazes have goals
     return TransformedEnv(
-        bare,
+        env,
         Compose(
             GoalViews(places.cells, places.views),
-            PreviousReward(GOAL_REWARD, in_keys=[REWARD]),
+            PreviousReward(goal_reward, in_keys=[REWARD]),
             InitTracker(),
         ),
     )

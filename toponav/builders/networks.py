@@ -2,12 +2,13 @@
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
 
-from toponav.builders.checkpoints import load_checkpoint, save_atomically
 from toponav.config import ModelConfig, SettingsError
+from toponav.envs import load_engine
 from toponav.modules import (
     ConcatComparator,
     DifferenceComparator,
@@ -17,10 +18,14 @@ from toponav.modules import (
     SmallEncoder,
     TCNetwork,
 )
+from toponav.runs import load_checkpoint, save_atomically
+from toponav.worlds import WorldSpec
 
 #: The file in a run folder that holds the networks.
 NETWORKS_FILE = "networks.pt"
-_VERSION = 1
+_KIND, _VERSION = "toponav networks", 1
+#: The world of the mazes.
+MAZE_WORLD = load_engine("vizdoom").world
 
 
 @dataclass
@@ -29,8 +34,10 @@ class Networks:
 
     Args:
         tc: scores how close in time two views are.
-        locomotion: names the action from one view to another.
+        locomotion: predicts the action from one view to another.
         model: the settings from which they were made.
+        view_size: height and width of the views that they were made for.
+        num_actions: number of actions that they were made for.
         thresholds: calibrated on random walks: ``tc_threshold`` and ``tc_reach`` of the
             map, ``reward_threshold`` of the reward's memory; empty until then.
     """
@@ -38,32 +45,44 @@ class Networks:
     tc: TCNetwork
     locomotion: LNetwork
     model: ModelConfig
+    view_size: tuple[int, int]
+    num_actions: int
     thresholds: dict[str, float] = field(default_factory=dict)
 
     @property
     def modules(self) -> nn.ModuleDict:
-        """Both under one roof, for optimizers, ``train()`` and ``eval()``.
-
-        A shared encoder counts once among the parameters.
-        """
+        """Both in one module; a shared encoder counts once among the parameters."""
         return nn.ModuleDict({"tc": self.tc, "locomotion": self.locomotion})
 
+    @property
+    def device(self) -> torch.device:
+        """Where they compute."""
+        return next(self.tc.parameters()).device
 
-def make_encoder(config: ModelConfig) -> SmallEncoder | ResNet18:
-    """The encoder of views that a configuration names."""
+    @property
+    def halve(self) -> bool:
+        """Whether views may be stored at half their size: all that `small` looks at."""
+        return self.model.encoder == "small"
+
+
+def make_encoder(config: ModelConfig, world: WorldSpec) -> SmallEncoder | ResNet18:
+    """The encoder that a configuration names, for the views of a world."""
     if config.encoder == "resnet18":
-        return ResNet18(config.embedding_dim)
-    return SmallEncoder(config.embedding_dim, batch_norm=config.batch_norm)
+        return ResNet18(config.embedding_dim, image_size=world.view_size)
+    return SmallEncoder(
+        config.embedding_dim,
+        batch_norm=config.batch_norm,
+        image_size=world.view_size,
+    )
 
 
 def make_networks(
-    config: ModelConfig, *, device: torch.device | str = "cpu"
+    config: ModelConfig, world: WorldSpec, *, device: torch.device | str = "cpu"
 ) -> Networks:
-    """Fresh networks.
+    """Fresh networks for the views and the actions of a world.
 
-    Args:
-        config: encoder, comparator and heads.
-        device: where the networks go.
+    Raises:
+        SettingsError: if the encoder cannot read views of this size.
 
     Examples:
         >>> config = ModelConfig(
@@ -76,11 +95,15 @@ def make_networks(
         ...     comparator_hidden=[16],
         ...     locomotion_hidden=[16],
         ... )
-        >>> networks = make_networks(config)
+        >>> world = WorldSpec(view_size=(64, 64), actions=("left", "right"))
+        >>> networks = make_networks(config, world)
         >>> networks.tc.encoder is networks.locomotion.encoder
         True
     """
-    encoder = make_encoder(config)
+    try:
+        encoder = make_encoder(config, world)
+    except ValueError as error:
+        raise SettingsError(f"model.encoder={config.encoder}: {error}") from error
     comparator: ConcatComparator | DifferenceComparator
     if config.comparator == "concat":
         comparator = ConcatComparator(
@@ -92,46 +115,50 @@ def make_networks(
             projection_dim=config.projection_dim,
             hidden=config.comparator_hidden,
         )
-    head = LocomotionHead(config.embedding_dim, hidden=config.locomotion_hidden)
-    other = encoder if config.share_encoder else make_encoder(config)
-    networks = Networks(TCNetwork(encoder, comparator), LNetwork(other, head), config)
+    head = LocomotionHead(
+        config.embedding_dim,
+        hidden=config.locomotion_hidden,
+        num_actions=world.num_actions,
+    )
+    other = encoder if config.share_encoder else make_encoder(config, world)
+    networks = Networks(
+        TCNetwork(encoder, comparator),
+        LNetwork(other, head),
+        config,
+        view_size=world.view_size,
+        num_actions=world.num_actions,
+    )
     networks.modules.to(device)
     return networks
 
 
 def start_networks(
-    config: ModelConfig, init_from: str | None, *, device: torch.device | str = "cpu"
+    config: ModelConfig,
+    world: WorldSpec,
+    init_from: str | None,
+    *,
+    device: torch.device | str = "cpu",
 ) -> Networks:
-    """Networks to train: fresh ones, or those of an earlier run.
-
-    Args:
-        config: encoder, comparator and heads.
-        init_from: run folder or file of networks of the same model, if any.
-        device: where the networks go.
+    """Networks to train: fresh ones, or those of the run folder or file ``init_from``.
 
     Raises:
         SettingsError: as `load_networks`, if ``init_from`` is not usable.
     """
     if init_from is None:
-        return make_networks(config, device=device)
-    networks = load_networks(
-        init_from, setting="init_from", model=config, device=device
+        return make_networks(config, world, device=device)
+    return load_networks(
+        init_from, setting="init_from", model=config, world=world, device=device
     )
-    networks.modules.train()
-    return networks
 
 
 def save_networks(networks: Networks, path: Path) -> None:
-    """Write networks and thresholds into one file, atomically.
-
-    Args:
-        networks: the networks.
-        path: the file.
-    """
+    """Write networks and thresholds into one file, atomically."""
     state: dict[str, object] = {
-        "kind": "toponav networks",
+        "kind": _KIND,
         "version": _VERSION,
         "model": asdict(networks.model),
+        "view_size": list(networks.view_size),
+        "num_actions": networks.num_actions,
         "weights": networks.modules.state_dict(),
         "thresholds": dict(networks.thresholds),
     }
@@ -143,6 +170,7 @@ def load_networks(
     *,
     setting: str = "networks",
     model: ModelConfig | None = None,
+    world: WorldSpec | None = None,
     device: torch.device | str = "cpu",
 ) -> Networks:
     """Read networks that `save_networks` wrote, in ``eval()`` mode.
@@ -150,27 +178,35 @@ def load_networks(
     Args:
         path: the file, or the run folder that holds it.
         setting: the setting that named it, for the errors.
-        model: the model that the networks must be of, if it matters.
+        model: the model that the networks must be of, if any.
+        world: the world that they must be made for, if any.
         device: where the networks go.
 
     Raises:
         SettingsError: if the file is missing, damaged, none of ours, of another
-            version or of another model.
+            version, of another model or made for another world.
     """
     path = Path(path)
     file = path / NETWORKS_FILE if path.is_dir() else path
-    state = load_checkpoint(file, setting, device=device)
-    if state.get("kind") != "toponav networks" or state.get("version") != _VERSION:
+    state: dict[str, Any] = load_checkpoint(file, setting, device=device)
+    if state.get("kind") != _KIND or state.get("version") != _VERSION:
         raise SettingsError(
             f"{setting} must name networks of version {_VERSION}, got {file} with "
             f"{state.get('kind', 'something else')} {state.get('version', '')}".rstrip()
         )
+    # Earlier versions knew the mazes alone, and did not write their numbers.
+    height, width = state.get("view_size", MAZE_WORLD.view_size)
+    num_actions = int(state.get("num_actions", MAZE_WORLD.num_actions))
+    made_for = WorldSpec(
+        view_size=(height, width), actions=tuple(map(str, range(num_actions)))
+    )
+    require_same_world(made_for, world or made_for, setting)
     try:
-        config = ModelConfig(**state["model"])  # type: ignore[arg-type]
+        config = ModelConfig(**state["model"])
         require_same_model(config, model or config, setting)
-        networks = make_networks(config, device=device)
-        networks.modules.load_state_dict(state["weights"])  # type: ignore[arg-type]
-        networks.thresholds = dict(state["thresholds"])  # type: ignore[call-overload]
+        networks = make_networks(config, made_for, device=device)
+        networks.modules.load_state_dict(state["weights"])
+        networks.thresholds = dict(state["thresholds"])
     except (KeyError, TypeError, RuntimeError) as error:
         reason = str(error).strip().splitlines()[0]
         raise SettingsError(
@@ -181,12 +217,22 @@ def load_networks(
     return networks
 
 
-def require_same_model(given: ModelConfig, wanted: ModelConfig, setting: str) -> None:
-    """Refuse networks of another model than the run's, naming the first difference.
+def require_same_world(given: WorldSpec, wanted: WorldSpec, setting: str) -> None:
+    """Refuse networks that were made for other views or another number of actions."""
 
-    Raises:
-        SettingsError: if a setting differs.
-    """
+    def describe(world: WorldSpec) -> str:
+        height, width = world.view_size
+        return f"views of {height} x {width} pixels and {world.num_actions} actions"
+
+    if describe(given) != describe(wanted):
+        raise SettingsError(
+            f"{setting} must name networks for {describe(wanted)}, "
+            f"got some for {describe(given)}"
+        )
+
+
+def require_same_model(given: ModelConfig, wanted: ModelConfig, setting: str) -> None:
+    """Refuse networks of another model than the run's, naming the first difference."""
     for name, value in asdict(wanted).items():
         if (other := getattr(given, name)) != value:
             raise SettingsError(

@@ -15,27 +15,32 @@ from typing import IO
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
+from toponav.builders.mazes import make_layout
 from toponav.builders.networks import (
     NETWORKS_FILE,
     Networks,
     load_networks,
     save_networks,
 )
-from toponav.builders.training import CHECKPOINT_FILE
+from toponav.builders.protocols import World
 from toponav.config import ExploreConfig, MazeConfig, TrainingError
+from toponav.runs import CHECKPOINT_FILE
 
 _WAIT_S = 20
 
 
-def prepare_networks(config: ExploreConfig, folder: Path, script: Path) -> Networks:
+def prepare_networks(
+    config: ExploreConfig, world: World, folder: Path, script: Path
+) -> Networks:
     """Networks for a run, copied into its folder.
 
-    In this order: those that the run already has, if it goes on; those of
+    In this order: those that the run already has, if it resumes; those of
     ``pretrained``; those of an earlier pre-training with the same settings; those of a
     pre-training that starts now, in a process of its own, which a later run finds.
 
     Args:
         config: settings of the run.
+        world: where it explores; the networks must have been made for such a world.
         folder: the run folder.
         script: the recipe that pre-trains.
 
@@ -44,11 +49,14 @@ def prepare_networks(config: ExploreConfig, folder: Path, script: Path) -> Netwo
         TrainingError: if the pre-training fails.
     """
     if config.resume and (folder / NETWORKS_FILE).is_file():
-        return load_networks(folder, setting="resume")
+        return load_networks(folder, setting="resume", world=world.spec)
     if config.pretrained is not None:
-        networks = load_networks(config.pretrained, setting="pretrained")
+        networks = load_networks(
+            config.pretrained, setting="pretrained", world=world.spec
+        )
     else:
-        networks = load_networks(pretrain(config, script), setting="pretraining.folder")
+        found = pretrain(config, script)
+        networks = load_networks(found, setting="pretraining.folder", world=world.spec)
     save_networks(networks, folder / NETWORKS_FILE)
     return networks
 
@@ -58,7 +66,7 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
 
     The folder's name has a key made of all settings that matter, and one process at a
     time works in it: another that wants the same waits. A pre-training that was cut
-    off goes on.
+    off resumes.
 
     Args:
         config: settings of the exploration.
@@ -105,26 +113,29 @@ def pretraining_decisions(config: ExploreConfig) -> float:
         file = folder / "config" / "config.yaml"
         if not file.is_file():
             return math.nan
-        told = OmegaConf.load(file)
-        collected = float(OmegaConf.select(told, "collect.decisions", default=0))
-        if "reward" not in told:
+        entries = OmegaConf.load(file)
+        collected = float(OmegaConf.select(entries, "collect.decisions", default=0))
+        if "reward" not in entries:
             decisions += collected
-            at = OmegaConf.select(told, "init_from", default=None)
+            at = OmegaConf.select(entries, "init_from", default=None)
             continue
         # An exploration: its networks may have learned on, and came from elsewhere.
-        if told.online.learn:
+        if entries.online.learn:
             decisions += collected
-        if (at := told.pretrained) is None:
+        if (at := entries.pretrained) is None:
             return math.nan
     return decisions
 
 
 def pretraining_folder(config: ExploreConfig) -> Path:
     """Where a pre-training with these settings is kept; its name has their key."""
-    overrides = pretraining_overrides(config)
-    key = hashlib.sha256(json.dumps(overrides).encode()).hexdigest()[:8]
-    name = f"{pretraining_maze(config).name}-{config.pretraining.scale}-{key}"
-    return Path(config.pretraining.folder) / name
+    maze, content = pretraining_maze(config), list(pretraining_overrides(config))
+    if maze.name == "file" and config.world.name == "maze":
+        # A file may change under the same path.
+        content.append(make_layout(maze).text)
+    key = hashlib.sha256(json.dumps(content).encode()).hexdigest()[:8]
+    label = maze.name if config.world.name == "maze" else config.world.label
+    return Path(config.pretraining.folder) / f"{label}-{config.pretraining.scale}-{key}"
 
 
 def pretraining_maze(config: ExploreConfig) -> MazeConfig:
@@ -143,6 +154,12 @@ def pretraining_overrides(config: ExploreConfig) -> list[str]:
         "model": asdict(config.model),
         "pairs": asdict(config.pairs),
     }
+    other = []
+    if config.world.name != "maze":
+        other.append(f"world={config.world.name}")
+        groups["world"] = asdict(config.world)
+    if config.engine != "vizdoom":
+        other.append(f"engine={config.engine}")
     values = [
         f"{group}.{name}={_in_hydra(value)}"
         for group, settings in groups.items()
@@ -151,6 +168,7 @@ def pretraining_overrides(config: ExploreConfig) -> list[str]:
     return [
         f"maze={maze.name}",
         f"scale={config.pretraining.scale}",
+        *other,
         *values,
         f"seed={config.pretraining.seed}",
         *config.pretraining.overrides,

@@ -1,4 +1,4 @@
-"""`keep_freed_memory`: spare the system the work of giving the same pages again."""
+"""`keep_freed_memory`: keep pages instead of asking the system for them again."""
 
 import ctypes
 

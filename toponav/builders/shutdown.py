@@ -3,7 +3,7 @@
 import torch
 from torchrl.collectors import BaseCollector
 
-from toponav.envs.doom.instances import sweep
+from toponav.envs import end_stray_engines
 
 
 def stop_collector(collector: BaseCollector) -> None:
@@ -16,4 +16,4 @@ def stop_collector(collector: BaseCollector) -> None:
     threads = torch.get_num_threads()
     collector.shutdown(raise_on_error=False)
     torch.set_num_threads(threads)
-    sweep()
+    end_stray_engines()

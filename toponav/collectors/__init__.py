@@ -1,15 +1,11 @@
-"""Collection in other processes: weights by mailbox, no lost batches, no lock step."""
+"""Collection in other processes: weights by mailbox, no lost batches."""
 
-from toponav.collectors.mailbox import Mailbox, MailboxError
-from toponav.collectors.mailbox_collector import MailboxCollector, Subscription
-from toponav.collectors.patient_async_collector import PatientAsyncCollector
-from toponav.collectors.staggered_episodes import StaggeredEpisodes
-
-__all__ = [
-    "Mailbox",
-    "MailboxCollector",
-    "MailboxError",
-    "PatientAsyncCollector",
-    "StaggeredEpisodes",
-    "Subscription",
-]
+from toponav.collectors.mailbox import Mailbox as Mailbox, MailboxError as MailboxError
+from toponav.collectors.mailbox_collector import (
+    MailboxCollector as MailboxCollector,
+    Subscription as Subscription,
+)
+from toponav.collectors.patient_async_collector import (
+    PatientAsyncCollector as PatientAsyncCollector,
+)
+from toponav.collectors.staggered_episodes import StaggeredEpisodes as StaggeredEpisodes

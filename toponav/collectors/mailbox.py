@@ -1,4 +1,4 @@
-"""`Mailbox`: weights in shared memory, left by one process and fetched by others."""
+"""`Mailbox`: weights in shared memory, published by one process, read by others."""
 
 import time
 from collections.abc import Mapping
@@ -12,29 +12,21 @@ _WRITING = 1
 
 
 class MailboxError(RuntimeError):
-    """What is in a mailbox cannot be read, or does not fit the reader's module."""
+    """A mailbox cannot be read, or its tensors do not fit the given module."""
 
 
 class Mailbox:
     """Weights of several modules in shared memory, a version number with each.
 
-    One process publishes; any number of others pull, each when it likes, and nobody
-    waits for anybody. This is A3C's way of sharing: a worker copies the global
-    parameters before a rollout and leaves them alone until its end. TorchRL's own
-    schemes for shared memory apply updates whenever they arrive, so that one rollout
-    may hold decisions of several versions.
-
-    Give the mailbox to other processes with their arguments (``Process`` or
-    TorchRL's collectors): it keeps its memory on the way. A copy by
-    ``cloudpickle``, such as of a closure, has memory of its own and hears nothing.
-
-    A reader never gets half of one publication and half of another: the stamp is odd
-    while a writer writes, and a copy during which it changed is made again. One
-    process publishes under a name; two at a time would spoil that.
+    One process publishes under a name; any number of others pull, each when it likes.
+    TorchRL's own shared memory applies updates whenever they arrive, so that one
+    rollout may hold decisions of several versions. Give the mailbox to other processes
+    with their arguments: a copy by ``cloudpickle``, such as of a closure, receives
+    nothing.
 
     Args:
-        modules: what is published, by name: a module, of which parameters and
-            persistent buffers go into the mailbox, or tensors by name.
+        modules: what is published, by name: modules (parameters and persistent buffers)
+            or tensors by name.
         versions: number of these first values by name, 0 unless given.
 
     Examples:
@@ -42,8 +34,6 @@ class Mailbox:
         >>> mailbox = Mailbox({"policy": here})
         >>> mailbox.publish("policy", here), mailbox.pull("policy", there)
         (1, 1)
-        >>> bool((here.weight == there.weight).all())
-        True
     """
 
     def __init__(
@@ -62,26 +52,14 @@ class Mailbox:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What there are publications of."""
         return tuple(self._slots)
 
     def version(self, name: str) -> int:
-        """Number of the newest publication that is complete."""
+        """Number of the newest complete publication."""
         return int(self._stamps[name]) // 2
 
     def publish(self, name: str, module: nn.Module | Mapping[str, Tensor]) -> int:
-        """Leave new weights for the readers.
-
-        Args:
-            name: under which they are published.
-            module: as given at the start, with other values.
-
-        Returns:
-            Their version, one more than the last.
-
-        Raises:
-            MailboxError: if the module does not fit what was given at the start.
-        """
+        """Publish new weights of the module ``name``; returns their version."""
         source = self._matching(name, module)
         stamp = self._stamps[name]
         stamp |= _WRITING
@@ -97,19 +75,10 @@ class Mailbox:
         *,
         timeout_s: float = 60.0,
     ) -> int:
-        """Copy the newest weights into a module, in place.
+        """Copy the newest weights into a module on any device; returns their version.
 
-        Args:
-            name: under which they are published.
-            module: gets the values; on any device.
-            timeout_s: seconds to wait while a publication is being written.
-
-        Returns:
-            Their version.
-
-        Raises:
-            MailboxError: if the module does not fit, or if no whole publication was
-                to be had in time, as when the publisher died while it wrote.
+        No copy mixes two publications. MailboxError if the module does not fit, or none
+        is complete within ``timeout_s``, as when the publisher died while it wrote.
         """
         target = self._matching(name, module)
         stamp, deadline = self._stamps[name], time.monotonic() + timeout_s
@@ -123,7 +92,7 @@ class Mailbox:
                     return before // 2
             if time.monotonic() > deadline:
                 raise MailboxError(
-                    f"'{name}' must be published whole within {timeout_s:g} s, got "
+                    f"'{name}' must be complete within {timeout_s:g} s, got "
                     f"none after version {before // 2}"
                 )
             time.sleep(1e-4)
@@ -131,7 +100,6 @@ class Mailbox:
     def _matching(
         self, name: str, module: nn.Module | Mapping[str, Tensor]
     ) -> Mapping[str, Tensor]:
-        """The module's tensors, if they are those of the mailbox."""
         if name not in self._slots:
             known = ", ".join(self._slots)
             raise MailboxError(f"name must be one of {known}, got '{name}'")
@@ -154,8 +122,5 @@ def tensors_of(module: nn.Module | Mapping[str, Tensor]) -> Mapping[str, Tensor]
     """Parameters and persistent buffers by name: the module's own memory, detached."""
     if not isinstance(module, nn.Module):
         return module
-    return {
-        name: value
-        for name, value in module.state_dict().items()
-        if isinstance(value, Tensor)
-    }
+    entries = module.state_dict().items()
+    return {name: value for name, value in entries if isinstance(value, Tensor)}

@@ -1,4 +1,4 @@
-"""`MailboxCollector`: a TorchRL collector that fetches its weights from a mailbox."""
+"""`MailboxCollector`: a TorchRL collector that reads its weights from a mailbox."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,53 +15,30 @@ from toponav.keys import ENV_ID
 
 @dataclass(frozen=True)
 class Subscription:
-    """What a collector fetches, for which module, and how it says which version.
-
-    Args:
-        name: under which the mailbox publishes it.
-        version_key: key of the version in every batch, int64 ``[*B, T, 1]``.
-        find: gives the module that gets the weights; the collector's ``env`` and
-            ``policy`` exist by then.
-        refresh: called after another version came, before the first decision with
-            it: whoever keeps embeddings makes them anew here.
-    """
+    """What a collector reads from a mailbox, and for which of its modules."""
 
     name: str
+    #: Of the version in a batch, int64 ``[*B, T, 1]``.
     version_key: NestedKey
+    #: Returns the module that gets the weights.
     find: Callable[[Collector], nn.Module]
+    #: Called when a new version came, to compute stored embeddings again.
     refresh: Callable[[Collector], None] | None = None
 
 
 class MailboxCollector(Collector):
-    """Collects, with the weights that a `Mailbox` held when the rollout began.
+    """Collects with the weights that a `Mailbox` held when the rollout began.
 
-    Every batch is made by one version of each module and says by which. It is the
-    ``collector_class`` of a `PatientAsyncCollector` or ``MultiSyncCollector``, whose
-    own way of sharing weights is then switched off::
-
-        PatientAsyncCollector(
-            [make_env] * 2,
-            policy_factory=make_policy,
-            weight_sync_schemes={"policy": NoWeightSyncScheme()},
-            collector_class=partial(
-                MailboxCollector, mailbox=mailbox, subscriptions=[...]
-            ),
-            ...
-        )
+    Every batch ``[*B, T]`` is made by one version of each module and says by which.
+    Give it as ``collector_class`` to TorchRL's multi-process collectors, with their own
+    way of sharing switched off: ``weight_sync_schemes={"policy":
+    NoWeightSyncScheme()}``.
 
     Args:
-        create_env_fn: as for TorchRL's ``Collector``.
-        policy: as for TorchRL's ``Collector``.
-        mailbox: where the weights come from.
-        subscriptions: what is fetched, all of it before every rollout.
-        keep: keys of a batch that are handed over, ``("next", ...)`` ones included;
-            all by default. What is left out never leaves this process.
-        worker_idx: number of this collector among several; with the number of its
-            environments it makes ``env_id``.
-        kwargs: as for TorchRL's ``Collector``.
-
-    Shape notation:
-        B: environments of this collector.  T: decisions of a rollout.
+        create_env_fn, policy, kwargs: as for TorchRL's ``Collector``.
+        mailbox, subscriptions: what is read before every rollout.
+        keep: keys of a batch that leave this process, nested ones too; all by default.
+        worker_idx: number of this collector among several, for ``env_id``.
     """
 
     def __init__(
@@ -85,7 +62,7 @@ class MailboxCollector(Collector):
         self.first_env_id = (worker_idx or 0) * max(self.env.batch_size.numel(), 1)
 
     def pull(self) -> None:
-        """Fetch what was published since the last time."""
+        """Read what was published since the last time."""
         for one in self.subscriptions:
             known = self.versions.get(one.name)
             if known == self.mailbox.version(one.name):
@@ -95,22 +72,16 @@ class MailboxCollector(Collector):
                 one.refresh(self)
 
     def rollout(self) -> TensorDictBase:
-        """Fetch the weights, then collect a batch with them.
-
-        Returns:
-            The batch ``[*B, T]``; the same tensordict, written anew, if TorchRL's
-            buffers are in use.
-        """
+        """Read the weights, then collect a batch; TorchRL's buffers are used again."""
         self.pull()
         collected = super().rollout()
         if self._batch is None or not self._use_buffers:
-            self._batch = self._hand_over(collected)
+            self._batch = self._make_batch(collected)
         for one in self.subscriptions:
             self._batch.get(one.version_key).fill_(self.versions[one.name])
         return self._batch
 
-    def _hand_over(self, collected: TensorDictBase) -> TensorDictBase:
-        """The kept keys, sharing memory with what was collected, and our own."""
+    def _make_batch(self, collected: TensorDictBase) -> TensorDictBase:
         shape = collected.batch_size
         batch = collected.select(*self.keep) if self.keep else collected.copy()
         numbers = torch.arange(max(shape[:-1].numel(), 1)).reshape(*shape[:-1], 1, 1)

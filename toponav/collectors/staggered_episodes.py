@@ -1,4 +1,4 @@
-"""`StaggeredEpisodes`: environments of a batch that do not end all together."""
+"""`StaggeredEpisodes`: environments whose episodes do not end together."""
 
 import torch
 from tensordict import TensorDictBase
@@ -11,32 +11,12 @@ from toponav.keys import DONE, TRUNCATED
 class StaggeredEpisodes(Transform):
     """Cuts the first episode of each environment short, each at another length.
 
-    Environments that start together and have episodes of one length end together: a
-    learner then sees nothing but beginnings for a while, then nothing but ends. Here
-    row ``e`` of ``E`` is truncated after ``length * (e + 1) / E`` decisions the first
-    time, rounded up; every later episode is as long as the environment makes it. A
-    reset of all rows together begins anew.
+    Envs that started together would end together: a learner would see nothing but
+    beginnings, then nothing but ends. Row ``e`` of ``E`` is truncated after ``length *
+    (e + 1) / E`` decisions the first time, rounded up. A reset of all rows starts over.
 
     Args:
-        length: decisions of a whole episode.
-
-    Raises:
-        ValueError: if ``length`` is less than 1.
-
-    Examples:
-        >>> from tensordict import TensorDict
-        >>> stagger = StaggeredEpisodes(4)
-        >>> start = TensorDict({"done": torch.zeros(2, 1, dtype=torch.bool)}, [2])
-        >>> _ = stagger._reset(TensorDict(batch_size=[2]), start)
-        >>> def step():
-        ...     flag = torch.zeros(2, 1, dtype=torch.bool)
-        ...     now = TensorDict({"done": flag, "truncated": flag.clone()}, [2])
-        ...     return stagger._step(start, now)["truncated"].flatten().tolist()
-        >>> step(), step()
-        ([False, False], [True, False])
-
-    Shape notation:
-        E: environments of the batch.
+        length: decisions of a whole episode, at least 1.
     """
 
     #: int64 [E]; decisions until the cut, 0 once an environment has had its own.

@@ -6,46 +6,52 @@ gives is an error and not a hidden default.
 """
 
 from hydra.core.config_store import ConfigStore
+from omegaconf import OmegaConf
 
 from toponav.config.checks import (
-    SettingsError,
-    TrainingError,
-    require,
-    require_above_zero,
-    require_at_least,
-    require_between,
-    require_choice,
+    SettingsError as SettingsError,
+    TrainingError as TrainingError,
+    require as require,
+    require_above_zero as require_above_zero,
+    require_at_least as require_at_least,
+    require_between as require_between,
+    require_choice as require_choice,
+    require_threshold as require_threshold,
 )
 from toponav.config.explore import (
-    EvaluateConfig,
-    ExploreCollectConfig,
-    ExploreConfig,
-    LossConfig,
-    MapConfig,
-    OnlineConfig,
-    PolicyConfig,
-    PretrainingConfig,
-    ReportConfig,
-    RewardConfig,
+    EvaluateConfig as EvaluateConfig,
+    ExploreCollectConfig as ExploreCollectConfig,
+    ExploreConfig as ExploreConfig,
+    LocomotionConfig as LocomotionConfig,
+    MapConfig as MapConfig,
+    OnlineConfig as OnlineConfig,
+    PolicyConfig as PolicyConfig,
+    PretrainingConfig as PretrainingConfig,
+    ReportConfig as ReportConfig,
 )
-from toponav.config.maze import MazeConfig
+from toponav.config.maze import MazeConfig as MazeConfig
+from toponav.config.methods import (
+    LearnerConfig as LearnerConfig,
+    RewardConfig as RewardConfig,
+    WorldConfig as WorldConfig,
+)
+from toponav.config.model import ModelConfig as ModelConfig, PairsConfig as PairsConfig
 from toponav.config.navigate import (
-    GoalsConfig,
-    NavigateConfig,
-    NavigateEvaluateConfig,
-    NavigateVideoConfig,
-    NavigatorConfig,
+    GoalsConfig as GoalsConfig,
+    NavigateConfig as NavigateConfig,
+    NavigateEvaluateConfig as NavigateEvaluateConfig,
+    NavigateVideoConfig as NavigateVideoConfig,
+    NavigatorConfig as NavigatorConfig,
 )
 from toponav.config.pretrain import (
-    CollectConfig,
-    ModelConfig,
-    PairsConfig,
-    PretrainConfig,
-    TrainConfig,
-    ValidateConfig,
+    CollectConfig as CollectConfig,
+    PretrainConfig as PretrainConfig,
+    TrainConfig as TrainConfig,
+    ValidateConfig as ValidateConfig,
 )
-from toponav.config.report import SweepReportConfig
-from toponav.config.tour import TourConfig
+from toponav.config.report import SweepReportConfig as SweepReportConfig
+from toponav.config.run_settings import run_setting as run_setting
+from toponav.config.tour import TourConfig as TourConfig
 
 #: Recipe name -> schema of its settings.
 RECIPES: dict[str, type] = {
@@ -59,45 +65,9 @@ RECIPES: dict[str, type] = {
 
 def register() -> None:
     """Put the schema into Hydra's store, where the YAML files find it."""
+    OmegaConf.register_new_resolver("run_setting", run_setting, replace=True)
     store = ConfigStore.instance()
     store.store(group="maze", name="schema", node=MazeConfig)
     store.store(group="model", name="schema", node=ModelConfig)
     for name, schema in RECIPES.items():
         store.store(name=f"{name}_schema", node=schema)
-
-
-__all__ = [
-    "RECIPES",
-    "CollectConfig",
-    "EvaluateConfig",
-    "ExploreCollectConfig",
-    "ExploreConfig",
-    "GoalsConfig",
-    "LossConfig",
-    "MapConfig",
-    "MazeConfig",
-    "ModelConfig",
-    "NavigateConfig",
-    "NavigateEvaluateConfig",
-    "NavigateVideoConfig",
-    "NavigatorConfig",
-    "OnlineConfig",
-    "PairsConfig",
-    "PolicyConfig",
-    "PretrainConfig",
-    "PretrainingConfig",
-    "ReportConfig",
-    "RewardConfig",
-    "SettingsError",
-    "SweepReportConfig",
-    "TourConfig",
-    "TrainConfig",
-    "TrainingError",
-    "ValidateConfig",
-    "register",
-    "require",
-    "require_above_zero",
-    "require_at_least",
-    "require_between",
-    "require_choice",
-]

@@ -48,3 +48,24 @@ def require_between(name: str, value: float, low: float, high: float) -> None:
 def require_above_zero(name: str, value: float) -> None:
     """`require` that a number is positive."""
     require(value > 0, f"{name} must be above 0", value)
+
+
+def require_threshold(name: str, value: str, words: tuple[str, ...]) -> None:
+    """`require` a similarity below 1, or a word that stands for a calibrated one.
+
+    Examples:
+        >>> require_threshold("map.tc_reach", "0.7", ("auto",))
+        >>> require_threshold("map.tc_reach", "high", ("auto",))
+        Traceback (most recent call last):
+        toponav.config.checks.SettingsError: map.tc_reach must be one of auto or a ...
+    """
+    if value in words:
+        return
+    try:
+        number = float(value)
+    except ValueError as error:
+        raise SettingsError(
+            f"{name} must be one of {', '.join(words)} or a number in [0, 0.999], got "
+            f"{value}"
+        ) from error
+    require_between(name, number, 0, 0.999)

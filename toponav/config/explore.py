@@ -1,6 +1,6 @@
 """The schema of ``recipes/explore.py``."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from omegaconf import MISSING
 
@@ -10,76 +10,11 @@ from toponav.config.checks import (
     require_at_least,
     require_between,
     require_choice,
+    require_threshold,
 )
 from toponav.config.maze import MazeConfig
-from toponav.config.pretrain import ModelConfig, PairsConfig
-
-_THRESHOLDS = ("auto", "tc")
-
-
-@dataclass
-class RewardConfig:
-    """What the explorer is paid for."""
-
-    kind: str = MISSING
-    alpha: float = MISSING
-    beta: float | None = MISSING
-    threshold: str = MISSING
-    floor: float = MISSING
-    clip: float | None = MISSING
-    combine: str = MISSING
-    replacement: str = MISSING
-    persistence: int = MISSING
-    min_gap: int = MISSING
-    count_on: str = MISSING
-    capacity: int = MISSING
-    aggregate: str = MISSING
-
-    def __post_init__(self) -> None:
-        require_choice("reward.kind", self.kind, ("intrinsic", "coverage"))
-        require_between("reward.alpha", self.alpha, 0, 1)
-        if self.beta is not None:
-            require_at_least("reward.beta", self.beta, 0)
-        if self.threshold not in _THRESHOLDS:
-            try:
-                number = float(self.threshold)
-            except ValueError:
-                require(
-                    False,
-                    f"reward.threshold must be one of {', '.join(_THRESHOLDS)} or a "
-                    "number in [0, 0.999]",
-                    self.threshold,
-                )
-            require_between("reward.threshold", number, 0, 0.999)
-        require_between("reward.floor", self.floor, 0.001, 1)
-        if self.clip is not None:
-            require_above_zero("reward.clip", self.clip)
-        require_choice("reward.combine", self.combine, ("exclusive", "sum"))
-        for name in ("persistence", "min_gap", "capacity"):
-            require_at_least(f"reward.{name}", getattr(self, name), 1)
-        require_choice("reward.count_on", self.count_on, ("every", "entry"))
-        choices = ("none", "oldest", "least_visited")
-        require_choice("reward.replacement", self.replacement, choices)
-        if self.aggregate != "max":
-            require(
-                _is_number(self.aggregate),
-                "reward.aggregate must be max or a percentile in [0, 100]",
-                self.aggregate,
-            )
-            require_between("reward.aggregate", float(self.aggregate), 0, 100)
-
-    @property
-    def weights(self) -> tuple[float, float]:
-        """Alpha and beta; a beta that is not given is 1 - alpha."""
-        return self.alpha, 1 - self.alpha if self.beta is None else self.beta
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+from toponav.config.methods import LearnerConfig, RewardConfig, WorldConfig
+from toponav.config.model import ModelConfig, PairsConfig
 
 
 @dataclass
@@ -87,52 +22,13 @@ class PolicyConfig:
     """The explorer's network."""
 
     input: str = MISSING
+    view_size: int = MISSING
     hidden: int = MISSING
 
     def __post_init__(self) -> None:
-        require_choice("policy.input", self.input, ("embedding", "pixels"))
+        require_choice("policy.input", self.input, ("auto", "embedding", "pixels"))
+        require_at_least("policy.view_size", self.view_size, 36)
         require_at_least("policy.hidden", self.hidden, 1)
-
-
-@dataclass
-class LossConfig:
-    """How the explorer learns from a batch."""
-
-    kind: str = MISSING
-    lr: float = MISSING
-    final_lr: float = MISSING
-    entropy_coeff: float = MISSING
-    final_entropy: float = MISSING
-    critic_coeff: float = MISSING
-    gamma: float = MISSING
-    lmbda: float = MISSING
-    clip_epsilon: float = MISSING
-    epochs: int = MISSING
-    minibatches: int = MISSING
-    sequence: int = MISSING
-    rollout: int = MISSING
-    max_grad_norm: float = MISSING
-    normalize_returns: bool = MISSING
-    decay: float = MISSING
-    eps: float = MISSING
-
-    def __post_init__(self) -> None:
-        require_choice("loss.kind", self.kind, ("ppo", "a3c"))
-        for name in ("lr", "max_grad_norm", "eps"):
-            require_above_zero(f"loss.{name}", getattr(self, name))
-        for name in ("final_lr", "final_entropy", "gamma", "lmbda", "decay"):
-            require_between(f"loss.{name}", getattr(self, name), 0, 1)
-        require_between("loss.clip_epsilon", self.clip_epsilon, 0.001, 1)
-        for name in ("entropy_coeff", "critic_coeff"):
-            require_at_least(f"loss.{name}", getattr(self, name), 0)
-        for name in ("epochs", "minibatches", "sequence", "rollout"):
-            require_at_least(f"loss.{name}", getattr(self, name), 1)
-        require(
-            self.kind != "ppo" or self.rollout % self.sequence == 0,
-            f"loss.rollout must be a multiple of loss.sequence={self.sequence}",
-            f"{self.rollout} (did you mean "
-            f"{max(round(self.rollout / self.sequence), 1) * self.sequence}?)",
-        )
 
 
 @dataclass
@@ -168,6 +64,8 @@ class OnlineConfig:
 
     learn: bool = MISSING
     lr: float = MISSING
+    weight_decay: float = MISSING
+    locomotion_coeff: float = MISSING
     every: int = MISSING
     publish_every: int = MISSING
     ahead: int = MISSING
@@ -175,6 +73,8 @@ class OnlineConfig:
 
     def __post_init__(self) -> None:
         require_above_zero("online.lr", self.lr)
+        for name in ("weight_decay", "locomotion_coeff"):
+            require_at_least(f"online.{name}", getattr(self, name), 0)
         for name in ("every", "publish_every", "ahead"):
             require_at_least(f"online.{name}", getattr(self, name), 1)
         require_above_zero("online.buffer_gb", self.buffer_gb)
@@ -182,7 +82,7 @@ class OnlineConfig:
 
 @dataclass
 class LocomotionConfig:
-    """What the L-network's head learns from the ways that the explorers took."""
+    """What the L-network's head learns from the paths that the explorers took."""
 
     learn: bool = MISSING
     memory: int = MISSING
@@ -208,7 +108,6 @@ class MapConfig:
     tc_reach: str = MISSING
     edges: str = MISSING
     extend_by: str = MISSING
-    link_transitions: bool = MISSING
     window: int = MISSING
     search_window: int = MISSING
     surroundings: int = MISSING
@@ -216,18 +115,12 @@ class MapConfig:
     hysteresis: bool = MISSING
     nearby: int | None = MISSING
     shortlist: int | None = MISSING
-    unwalked_cost: float = MISSING
+    untraversed_edge_cost: float = MISSING
     sparsify: float | None = MISSING
 
     def __post_init__(self) -> None:
         for name in ("tc_threshold", "tc_reach"):
-            if (value := getattr(self, name)) != "auto":
-                require(
-                    _is_number(value),
-                    f"map.{name} must be auto or a number in [0, 0.999]",
-                    value,
-                )
-                require_between(f"map.{name}", float(value), 0, 0.999)
+            require_threshold(f"map.{name}", getattr(self, name), ("auto",))
         require_choice("map.edges", self.edges, ("both", "reach", "time"))
         require_choice("map.extend_by", self.extend_by, ("itself", "previous"))
         for name in ("window", "search_window", "surroundings"):
@@ -237,7 +130,7 @@ class MapConfig:
         for name in ("envs", "nearby", "shortlist"):
             if (value := getattr(self, name)) is not None:
                 require_at_least(f"map.{name}", value, 1)
-        require_at_least("map.unwalked_cost", self.unwalked_cost, 1)
+        require_at_least("map.untraversed_edge_cost", self.untraversed_edge_cost, 1)
         if self.sparsify is not None:
             require_between("map.sparsify", self.sparsify, 0, 1)
 
@@ -285,12 +178,14 @@ class EvaluateConfig:
 class ExploreConfig:
     """Settings of ``recipes/explore.py``."""
 
+    world: WorldConfig = MISSING
+    engine: str = MISSING
     maze: MazeConfig = MISSING
     model: ModelConfig = MISSING
     pairs: PairsConfig = MISSING
     reward: RewardConfig = MISSING
     policy: PolicyConfig = MISSING
-    loss: LossConfig = MISSING
+    loss: LearnerConfig = MISSING
     collect: ExploreCollectConfig = MISSING
     online: OnlineConfig = MISSING
     locomotion: LocomotionConfig = MISSING
@@ -307,6 +202,7 @@ class ExploreConfig:
     def __post_init__(self) -> None:
         if self.threads is not None:
             require_at_least("threads", self.threads, 1)
+        self.loss.check(self.collect.envs)
         require(
             self.collect.envs * self.loss.rollout <= self.collect.decisions,
             "collect.decisions must be at least collect.envs * loss.rollout = "
@@ -314,9 +210,9 @@ class ExploreConfig:
             self.collect.decisions,
         )
         require(
-            self.locomotion.k < self.maze.episode_length,
-            "locomotion.k must be less than maze.episode_length = "
-            f"{self.maze.episode_length} decisions",
+            self.locomotion.k < self.world.episode_length,
+            f"locomotion.k must be less than {self.world.length_setting} = "
+            f"{self.world.episode_length} decisions",
             self.locomotion.k,
         )
         require(
@@ -326,12 +222,28 @@ class ExploreConfig:
         )
         longest = max(self.pairs.k * self.pairs.m, self.pairs.locomotion_k)
         require(
-            self.maze.episode_length > longest,
-            f"maze.episode_length must be more than M * k = {longest} decisions",
-            self.maze.episode_length,
+            self.world.episode_length > longest,
+            f"{self.world.length_setting} must be more than M * k = "
+            f"{longest} decisions",
+            self.world.episode_length,
         )
 
-    @property
-    def halve(self) -> bool:
-        """Whether the networks look at halved views: all that `small` looks at."""
-        return self.model.encoder == "small"
+    def resolved(self, model: ModelConfig | None) -> "ExploreConfig":
+        """These settings with the model of its networks, and ``policy.input`` set.
+
+        Args:
+            model: of the networks; ``None`` in a run without.
+
+        Raises:
+            SettingsError: if the policy should see embeddings that nobody makes.
+        """
+        automatic = "pixels" if model is None else "embedding"
+        view = automatic if self.policy.input == "auto" else self.policy.input
+        require(
+            view == "pixels" or model is not None,
+            "policy.input must be pixels in a run without networks (reward="
+            f"{self.reward.name} and no pretrained)",
+            view,
+        )
+        policy = replace(self.policy, input=view)
+        return replace(self, model=model or self.model, policy=policy)

@@ -15,41 +15,9 @@ from toponav.config.maze import MazeConfig
 
 @dataclass
 class NavigatorConfig:
-    """How the agent finds its place, plans, walks and gives up."""
+    """A navigator (``conf/navigator``); its own settings are beside its method."""
 
-    tc_reach: float | None = MISSING
-    unwalked_cost: float = MISSING
-    hops: int = MISSING
-    window: int = MISSING
-    shortlist: int | None = MISSING
-    hysteresis: bool = MISSING
-    follow: int = MISSING
-    lookahead: int = MISSING
-    temperature: float = MISSING
-    avoid_futile: bool = MISSING
-    block_after: int | None = MISSING
-    keep_cuts: bool = MISSING
-    fade_after: int | None = MISSING
-    goal_patience: int | None = MISSING
-    lost_for: int = MISSING
-
-    def __post_init__(self) -> None:
-        if self.tc_reach is not None:
-            require_between("navigator.tc_reach", self.tc_reach, 0, 0.9999)
-        if self.shortlist is not None:
-            require_at_least("navigator.shortlist", self.shortlist, 1)
-        for name in ("hops", "window", "lookahead", "lost_for"):
-            require_at_least(f"navigator.{name}", getattr(self, name), 1)
-        for name, least in (
-            ("block_after", 2),
-            ("fade_after", 1),
-            ("goal_patience", 1),
-        ):
-            if (value := getattr(self, name)) is not None:
-                require_at_least(f"navigator.{name}", value, least)
-        require_at_least("navigator.follow", self.follow, 0)
-        require_at_least("navigator.temperature", self.temperature, 0)
-        require_at_least("navigator.unwalked_cost", self.unwalked_cost, 1)
+    name: str = MISSING
 
 
 @dataclass
@@ -66,7 +34,7 @@ class GoalsConfig:
 
 @dataclass
 class NavigateEvaluateConfig:
-    """The episodes, and who plays them beside the agent."""
+    """The episodes, and who plays them."""
 
     episodes: int = MISSING
     policies: list[str] = MISSING
@@ -76,9 +44,6 @@ class NavigateEvaluateConfig:
         require_at_least("evaluate.episodes", self.episodes, 1)
         require_at_least("evaluate.slow", self.slow, 1)
         require(len(self.policies) > 0, "evaluate.policies must name one", "none")
-        for name in self.policies:
-            choices = ("navigator", "oracle", "random")
-            require_choice("evaluate.policies", name, choices)
 
 
 @dataclass

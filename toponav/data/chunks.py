@@ -21,23 +21,17 @@ class Chunks:
 
     Args:
         chunks_per_episode: number C of chunks.
-        chunk_len: frames in a chunk; more than the largest distance of a positive
-            pair.
-        min_length: episodes shorter than this are left out. Pairs of the TC-network
-            need more than M * k decisions.
+        chunk_len: frames in a chunk; more than the largest distance of a positive pair.
+        min_length: shorter episodes are left out; TC pairs need more than M * k.
 
     Raises:
-        ValueError: if a number is below 1; from ``draw``, if the batch is no multiple
-            of ``C * chunk_len`` or no episode is long enough.
+        ValueError: if a number is below 1; from ``draw``, if a batch cannot be made.
 
     Examples:
         >>> episodes = Episodes.from_lengths([50, 80])
         >>> place, extra = Chunks(2, 5).draw(episodes, 20, None)
         >>> place.shape, extra["step"].shape
         (torch.Size([2, 10]), torch.Size([2, 10]))
-
-    Shape notation:
-        E: episodes.  C: chunks of an episode.
     """
 
     chunks_per_episode: int = 4

@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.data.replay_buffers import Sampler, Storage
 
 from toponav.data.episodes import Episodes, find_episodes
+from toponav.keys import TRAJECTORY
 
 
 class DrawRule(Protocol):
@@ -17,17 +18,7 @@ class DrawRule(Protocol):
     def draw(
         self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """Draw a batch.
-
-        Args:
-            episodes: the runs to draw from.
-            batch_size: what the rule counts: pairs, or frames.
-            generator: source of the random numbers, torch's own by default.
-
-        Returns:
-            Places in ``episodes.order``, of any shape, and entries to add to the
-            sampled tensordict under their keys.
-        """
+        """Places in ``episodes.order``, of any shape, and entries to add by key."""
 
 
 class EpisodeSampler(Sampler):
@@ -35,32 +26,24 @@ class EpisodeSampler(Sampler):
 
     TorchRL's ``SliceSampler`` gives one stretch of fixed length per draw. A pair needs
     two places of one episode, up to an episode apart, so the rule draws places from
-    the list of episodes instead. The list is made anew after a write, not per draw.
+    the list of episodes instead. The list is rebuilt after a write, not per draw.
     Random numbers are the buffer's: seed them with ``buffer.set_rng(generator)``.
 
     Args:
         rule: which frames form a batch.
-        end_key: see `find_episodes`.
         trajectory_key: see `find_episodes`.
         step_key: see `find_episodes`.
-
-    Raises:
-        ValueError: from ``sample``, if the buffer holds no episode that is long
-            enough for the rule.
 
     Examples:
         >>> from tensordict import TensorDict
         >>> from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
         >>> from toponav.data import Chunks
         >>> buffer = TensorDictReplayBuffer(
-        ...     storage=LazyTensorStorage(100),
-        ...     sampler=EpisodeSampler(Chunks(chunks_per_episode=2, chunk_len=5)),
-        ...     batch_size=20,
+        ...     storage=LazyTensorStorage(100), sampler=EpisodeSampler(Chunks(2, 5))
         ... )
-        >>> done = torch.zeros(60, 1, dtype=torch.bool)
-        >>> _ = buffer.extend(TensorDict({"next": {"done": done}}, [60]))
-        >>> buffer.set_rng(torch.Generator().manual_seed(0))
-        >>> buffer.sample().batch_size
+        >>> frames = TensorDict({"step_count": torch.arange(60)}, [60])
+        >>> _ = buffer.extend(frames.set(TRAJECTORY, torch.zeros(60)))
+        >>> buffer.sample(20).batch_size
         torch.Size([2, 10])
     """
 
@@ -68,12 +51,10 @@ class EpisodeSampler(Sampler):
         self,
         rule: DrawRule,
         *,
-        end_key: NestedKey = ("next", "done"),
-        trajectory_key: NestedKey | None = None,
+        trajectory_key: NestedKey = TRAJECTORY,
         step_key: NestedKey = "step_count",
     ) -> None:
         self.rule = rule
-        self.end_key = end_key
         self.trajectory_key = trajectory_key
         self.step_key = step_key
         self._episodes: Episodes | None = None
@@ -83,10 +64,7 @@ class EpisodeSampler(Sampler):
     ) -> tuple[Tensor | tuple[Tensor, ...], dict[str, Tensor]]:
         if self._episodes is None:
             self._episodes = find_episodes(
-                storage,
-                end_key=self.end_key,
-                trajectory_key=self.trajectory_key,
-                step_key=self.step_key,
+                storage, trajectory_key=self.trajectory_key, step_key=self.step_key
             )
         place, info = self.rule.draw(self._episodes, batch_size, self._rng)
         row = self._episodes.order[place]

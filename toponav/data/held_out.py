@@ -8,50 +8,39 @@ from torch import Tensor
 
 from toponav.data.episode_sampler import DrawRule
 from toponav.data.episodes import Episodes
-from toponav.keys import ACTION, HEADING, LABEL, PIXELS, POSITION
+from toponav.keys import ACTION, HEADING, LABEL, NETWORK_PIXELS, POSITION
 
 
 @dataclass(frozen=True)
 class PairSet:
-    """Pairs of held-out frames.
+    """Pairs of held-out frames; each entry is ``[P]``."""
 
-    Args:
-        first: int64 ``[P]``; numbers of the anchors among the flattened frames.
-        second: the same of the others.
-        distance: int64 ``[P]``; decisions between them, 0 for frames of two episodes.
-        label: float32 ``[P]``; of TC pairs, else zeros.
-        action: int64 ``[P]``; the action taken at the anchor.
-    """
-
+    #: int64; numbers of the anchors and of the others among the flattened frames.
     first: Tensor
     second: Tensor
+    #: int64; decisions between them, 0 for frames of two episodes.
     distance: Tensor
+    #: float32; of TC pairs, else zeros.
     label: Tensor
+    #: int64; the action taken at the anchor.
     action: Tensor
 
 
 class HeldOut:
-    """Episodes of one maze, all of one length, with the poses beside the views.
+    """Episodes of one world, all of one length; with poses where the world has them.
 
     Args:
-        frames: ``[E, T]`` with ``pixels``, ``action``, position and heading.
-        name: of the maze.
-
-    Raises:
-        ValueError: if the frames are not ``[E, T]``.
+        frames: ``[E, T]`` with ``network_pixels`` and ``action``.
+        name: of the world.
 
     Examples:
         >>> from tensordict import TensorDict
         >>> from toponav.data import LPairs
-        >>> frames = {"pixels": torch.zeros(2, 9, 4, 6, 3, dtype=torch.uint8)}
-        >>> frames |= {"action": torch.zeros(2, 9, dtype=torch.int64)}
-        >>> held_out = HeldOut(TensorDict(frames, [2, 9]), name="maze1")
+        >>> frames = TensorDict({"action": torch.zeros(2, 9)}, [2, 9])
+        >>> held_out = HeldOut(frames, name="maze1")
         >>> pairs = held_out.draw(LPairs(4), 10, seed=0)
         >>> bool((pairs.second - pairs.first == pairs.distance).all())
         True
-
-    Shape notation:
-        E: episodes.  T: decisions of each.  P: pairs.
     """
 
     def __init__(self, frames: TensorDictBase, *, name: str) -> None:
@@ -64,17 +53,11 @@ class HeldOut:
     @property
     def pixels(self) -> Tensor:
         """Views of all frames, ``[E * T, H, W, 3]``, episode after episode."""
-        pixels: Tensor = self.frames.get(PIXELS)
+        pixels: Tensor = self.frames.get(NETWORK_PIXELS)
         return pixels
 
     def draw(self, rule: DrawRule, num_pairs: int, *, seed: int) -> PairSet:
-        """Draw pairs by a rule, such as `TCPairs` or `LPairs`.
-
-        Args:
-            rule: which pairs.
-            num_pairs: number P of pairs.
-            seed: of the draw.
-        """
+        """Draw pairs by a rule, such as `TCPairs` or `LPairs`."""
         episodes = Episodes.from_lengths([self.length] * self.num_episodes)
         generator = torch.Generator().manual_seed(seed)
         place, extra = rule.draw(episodes, num_pairs, generator)
@@ -91,10 +74,10 @@ class HeldOut:
     def poses(
         self, pairs: PairSet
     ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-        """The truth for reports: both positions ``[P, 2]``, both headings ``[P]``."""
+        """The ground truth: both positions ``[P, 2]``, both headings ``[P]``."""
         position = self.frames.get(POSITION)
         heading = self.frames.get(HEADING).squeeze(-1)
-        return (position[pairs.first], position[pairs.second]), (
-            heading[pairs.first],
-            heading[pairs.second],
+        return (
+            (position[pairs.first], position[pairs.second]),
+            (heading[pairs.first], heading[pairs.second]),
         )

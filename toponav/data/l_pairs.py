@@ -8,12 +8,13 @@ from torch import Tensor
 
 from toponav.data.episodes import Episodes
 from toponav.data.pairs import (
+    compare_steps,
     distance_weights,
     draw_at_distance,
     draw_below,
     gather_pairs,
 )
-from toponav.keys import ACTION, EMBEDDING, EPISODE, STEP, WEIGHT
+from toponav.keys import ACTION, EMBEDDING, WEIGHT
 
 
 @dataclass(frozen=True)
@@ -21,9 +22,8 @@ class LPairs:
     """The rule of the L-network's pairs ``(o_i, o_(i+j), a_i)``, and how to get them.
 
     The distance j is uniform in 1..k, no pair spans two episodes, and the earlier view
-    always comes first: the action is the first one on the way. `draw` is for an
-    `EpisodeSampler` with `SplitPairs` behind it, `mine` for batches of `Chunks`; see
-    `TCPairs`, with which a batch of chunks can be shared.
+    always comes first: the action is the first one on the path. `draw` is for an
+    `EpisodeSampler` with `SplitPairs` behind it, `mine` for batches of `Chunks`.
 
     Reference:
         The paper, "Navigation implementation", eq. 14; the uniform distance from
@@ -34,17 +34,13 @@ class LPairs:
         max_action_distance: k, the largest distance in decisions.
 
     Raises:
-        ValueError: if ``max_action_distance < 1``; from ``draw``, if no episode is
-            longer than that.
+        ValueError: if k is below 1; from ``draw``, if no episode is longer than that.
 
     Examples:
         >>> place, _ = LPairs(4).draw(Episodes.from_lengths([9, 9]), 8, None)
         >>> distance = place[:, 1] - place[:, 0]
         >>> bool(((distance >= 1) & (distance <= 4)).all())
         True
-
-    Shape notation:
-        P: pairs.
     """
 
     max_action_distance: int = 4
@@ -72,32 +68,16 @@ class LPairs:
         return draw_at_distance(episodes, distance, generator), {}
 
     def mine(
-        self,
-        frames: TensorDictBase,
-        *,
-        in_key: NestedKey = EMBEDDING,
-        action_key: NestedKey = ACTION,
+        self, frames: TensorDictBase, *, in_key: NestedKey = EMBEDDING
     ) -> TensorDict:
-        """All pairs among the frames of a batch of `Chunks`.
+        """All pairs among the frames of a batch of `Chunks`, as `TCPairs.mine`.
 
-        The weights make every distance count the same; they sum to one. Gradients
-        flow through ``in_key``.
-
-        Args:
-            frames: ``[*B]`` with ``in_key``, ``action_key``, ``episode`` and ``step``.
-            in_key: what to pair, usually the embeddings; ``[*B, *D]``.
-            action_key: int64 ``[*B]``.
-
-        Returns:
-            ``[P]`` with ``anchor``, ``other``, ``action`` and ``weight``.
+        ``action`` replaces ``label``; weights make every distance count the same.
         """
-        episode = frames.get(EPISODE).flatten().cpu()
-        step = frames.get(STEP).flatten().cpu()
-        same = episode.unsqueeze(0) == episode.unsqueeze(1)
-        gap = step.unsqueeze(0) - step.unsqueeze(1)
+        same, gap = compare_steps(frames)
         near = same & (gap >= 1) & (gap <= self.max_action_distance)
         pair = near.nonzero()
         weight = distance_weights(gap[near], self.max_action_distance)
-        action = frames.get(action_key).flatten()
+        action = frames.get(ACTION).flatten()
         entries = {ACTION: action[pair[:, 0].to(action.device)], WEIGHT: weight}
         return gather_pairs(frames, pair, in_key, entries)

@@ -13,7 +13,7 @@ from toponav.data.episode_sampler import DrawRule, EpisodeSampler
 from toponav.data.l_pairs import LPairs
 from toponav.data.split_pairs import SplitPairs
 from toponav.data.tc_pairs import TCPairs
-from toponav.keys import EMBEDDING, LABEL, PIXELS, TRAJECTORY, WEIGHT
+from toponav.keys import EMBEDDING, LABEL, NETWORK_PIXELS, WEIGHT
 
 #: Views ``[N, H, W, 3]`` to embeddings ``[N, D]``.
 Embed = Callable[[Tensor], Tensor]
@@ -25,12 +25,12 @@ class MinedPairs:
     A call draws a batch of `Chunks`, embeds each view once and returns pairs *of
     embeddings* for the TC-network and for the L-network, with gradients to the
     encoders. Of the close and of the distant pairs at most half of ``max_pairs`` each
-    are kept, drawn at random, so that the number does not hang on k.
+    are kept, drawn at random, so that their number does not depend on k.
 
     Args:
-        storage: frames with ``pixels``, ``action``, an episode number and a step.
+        storage: frames with views, actions, trajectory and step numbers.
         chunks: the shape of a batch.
-        num_frames: frames in a batch, a multiple of a chunk group's.
+        num_frames: frames in a batch, a multiple of ``C * chunk_len``.
         tc_pairs: the TC-network's rule.
         l_pairs: the L-network's rule.
         embed_tc: the TC-network's encoder.
@@ -41,25 +41,6 @@ class MinedPairs:
 
     Raises:
         ValueError: if ``max_pairs < 2``; from a call, as `Chunks` raises it.
-
-    Examples:
-        >>> from tensordict import TensorDict
-        >>> from torchrl.data import LazyTensorStorage
-        >>> storage = LazyTensorStorage(90)
-        >>> step = torch.arange(90)
-        >>> frames = {"pixels": torch.zeros(90, 2, 2, 3), "action": step % 6}
-        >>> frames |= {"step_count": step, "collector": {"traj_ids": step // 45}}
-        >>> _ = storage.set(slice(0, 90), TensorDict(frames, [90]))
-        >>> rules = {"tc_pairs": TCPairs(), "l_pairs": LPairs()}
-        >>> pairs = MinedPairs(
-        ...     storage, Chunks(), 40, **rules, embed_tc=lambda x: x.flatten(1)
-        ... )
-        >>> tc_pairs, l_pairs = pairs()
-        >>> sorted(tc_pairs.keys()), tc_pairs["anchor"].shape[1:]
-        (['anchor', 'label', 'other', 'weight'], torch.Size([12]))
-
-    Shape notation:
-        N: frames of a batch.  D: embedding.
     """
 
     def __init__(
@@ -90,7 +71,7 @@ class MinedPairs:
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         """Pairs of embeddings for the TC-network and for the L-network."""
         frames = self.frames.sample().flatten()
-        views = frames.pop(PIXELS).to(self.device)
+        views = frames.pop(NETWORK_PIXELS).to(self.device)
         frames.set(EMBEDDING, self.embed_tc(views))
         tc_pairs = self.tc_pairs.mine(frames, generator=self.generator)
         half = self.max_pairs // 2
@@ -107,33 +88,10 @@ class MinedPairs:
 
 
 class DrawnPairs:
-    """Pairs one by one, the paper's way: every pair brings two views of its own.
+    """Pairs drawn one by one, as in the paper: every pair has two views of its own.
 
-    A call returns pairs *of views* for the TC-network and for the L-network.
-
-    Args:
-        storage: frames with ``pixels``, ``action``, an episode number and a step.
-        num_pairs: pairs of a call for each network.
-        tc_pairs: the TC-network's rule.
-        l_pairs: the L-network's rule.
-        generator: source of the random numbers, torch's own by default.
-        device: where the pairs go.
-
-    Raises:
-        ValueError: from a call, if no episode is long enough for a rule.
-
-    Examples:
-        >>> from tensordict import TensorDict
-        >>> from torchrl.data import LazyTensorStorage
-        >>> storage = LazyTensorStorage(90)
-        >>> step = torch.arange(90)
-        >>> frames = {"pixels": torch.zeros(90, 2, 2, 3), "action": step % 6}
-        >>> frames |= {"step_count": step, "collector": {"traj_ids": step // 45}}
-        >>> _ = storage.set(slice(0, 90), TensorDict(frames, [90]))
-        >>> pairs = DrawnPairs(storage, 64, tc_pairs=TCPairs(), l_pairs=LPairs())
-        >>> tc_pairs, l_pairs = pairs()
-        >>> tc_pairs["anchor"].shape
-        torch.Size([64, 2, 2, 3])
+    A call returns ``num_pairs`` pairs *of views* for the TC-network and as many for the
+    L-network. The other arguments are those of `MinedPairs`.
     """
 
     def __init__(
@@ -163,12 +121,7 @@ class DrawnPairs:
 def keep_some(
     pairs: TensorDictBase, limit: int, generator: torch.Generator | None
 ) -> TensorDictBase:
-    """At most ``limit`` pairs, drawn without replacement; the sum of weights stays.
-
-    Args:
-        pairs: ``[P]`` with ``weight``.
-        limit: number of pairs to keep.
-        generator: source of the random numbers; on the CPU.
+    """At most ``limit`` pairs ``[P]``, drawn at random; the sum of weights is kept.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -191,10 +144,9 @@ def _make_buffer(
     batch_size: int,
     generator: torch.Generator | None,
 ) -> ReplayBuffer:
-    """A reader of the storage; whoever writes to the storage tells it."""
     buffer = TensorDictReplayBuffer(
         storage=storage,
-        sampler=EpisodeSampler(rule, trajectory_key=TRAJECTORY),
+        sampler=EpisodeSampler(rule),
         batch_size=batch_size,
     )
     buffer.set_rng(generator)

@@ -1,19 +1,23 @@
-"""The arithmetic that `TCPairs` and `LPairs` share: drawing, weighing, gathering."""
+"""What `TCPairs` and `LPairs` share: drawing, weighing, gathering."""
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 
 from toponav.data.episodes import Episodes
-from toponav.keys import ANCHOR, OTHER
+from toponav.keys import ANCHOR, EPISODE, OTHER, STEP
+
+
+def compare_steps(frames: TensorDictBase) -> tuple[Tensor, Tensor]:
+    """Of F frames ``[F, F]``: same episode or not, and decisions from row to column."""
+    episode = frames.get(EPISODE).flatten().cpu()
+    step = frames.get(STEP).flatten().cpu()
+    same = episode.unsqueeze(0) == episode.unsqueeze(1)
+    return same, step.unsqueeze(0) - step.unsqueeze(1)
 
 
 def distance_weights(distance: Tensor, max_distance: int) -> Tensor:
     """Weights that make every distance that occurs count the same; they sum to one.
-
-    Args:
-        distance: int64 ``[P]``, in 1..``max_distance``.
-        max_distance: the largest distance.
 
     Examples:
         >>> distance_weights(torch.tensor([1, 1, 2]), 4)
@@ -29,16 +33,10 @@ def gather_pairs(
     in_key: NestedKey,
     entries: dict[str, Tensor],
 ) -> TensorDict:
-    """A tensordict of pairs from frames and the two frames' numbers.
+    """Pairs ``[P]`` of frames with ``entries`` beside ``anchor`` and ``other``.
 
-    Args:
-        frames: ``[*B]`` with ``in_key``.
-        pair: int64 ``[P, 2]``, numbers of flattened frames.
-        in_key: what becomes ``anchor`` and ``other``.
-        entries: more entries, each ``[P]``.
-
-    Returns:
-        ``[P]``, on the device of the frames.
+    ``pair``, int64 ``[P, 2]``, numbers the flattened frames. The result is on the
+    device of the frames.
     """
     views = frames.get(in_key).flatten(0, frames.ndim - 1)
     anchor, other = pair.to(views.device).unbind(-1)
@@ -51,15 +49,10 @@ def gather_pairs(
 def draw_at_distance(
     episodes: Episodes, distance: Tensor, generator: torch.Generator | None
 ) -> Tensor:
-    """Draw pairs of given distances, uniform over the frames that have such a partner.
+    """Places ``[P, 2]`` of pairs, each a given number of decisions apart.
 
-    Args:
-        episodes: the runs to draw from; one must be longer than every distance.
-        distance: int64 ``[P]``, in decisions.
-        generator: source of the random numbers, torch's own by default.
-
-    Returns:
-        Places ``[P, 2]`` of the earlier and the later frame.
+    They are uniform over the frames that have such a partner; one run must be longer
+    than every distance.
     """
     # A run of length L has L - j frames that have a partner j decisions later.
     room = (episodes.length.unsqueeze(-1) - distance).clamp(min=0)
@@ -73,11 +66,6 @@ def draw_at_distance(
 
 
 def draw_below(limit: Tensor, generator: torch.Generator | None) -> Tensor:
-    """Uniform integers in ``[0, limit)``, elementwise.
-
-    Args:
-        limit: int64, of any shape, at least 1 everywhere.
-        generator: source of the random numbers, torch's own by default.
-    """
+    """Uniform integers in ``[0, limit)``, elementwise; every limit is at least 1."""
     uniform = torch.rand(limit.shape, dtype=torch.float64, generator=generator)
     return (uniform * limit).long()

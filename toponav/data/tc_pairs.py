@@ -8,12 +8,13 @@ from torch import Tensor
 
 from toponav.data.episodes import Episodes
 from toponav.data.pairs import (
+    compare_steps,
     distance_weights,
     draw_at_distance,
     draw_below,
     gather_pairs,
 )
-from toponav.keys import EMBEDDING, EPISODE, LABEL, STEP, WEIGHT
+from toponav.keys import EMBEDDING, LABEL, WEIGHT
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,12 @@ class TCPairs:
 
     A pair is positive at 1..k decisions and negative from M * k on; what lies between
     is not used, and no pair spans two episodes unless ``other_episode_share`` asks for
-    it. Half the pairs are positive, their distance is uniform, and which view comes
-    first is a coin's throw.
+    it. Half the pairs are positive, their distance is uniform, and the order of the two
+    views is random.
 
-    `draw` is the paper's way, pair by pair: put the rule in an `EpisodeSampler` and
-    `SplitPairs` behind it. `mine` takes all pairs of a batch of `Chunks`, where each
-    view is embedded once for many pairs; weights then stand for what `draw` does by
-    chance.
+    `draw` draws pair by pair, as the paper does: put the rule in an `EpisodeSampler`
+    and `SplitPairs` behind it. `mine` takes all pairs of a batch of `Chunks`, where a
+    view is embedded once for many pairs; weights replace what `draw` does by chance.
 
     Reference:
         The paper, "Temporal correlation network"; M = 5 and the random order from
@@ -40,12 +40,10 @@ class TCPairs:
         negative_sample_multiplier: M; negatives are at least M * k decisions apart.
         other_episode_share: share of the negatives whose views come from two
             episodes, in [0, 1].
-        max_negatives: `mine` keeps at most so many negatives of either kind, drawn at
-            random; ``None`` keeps all of one episode, and as many of two.
 
     Raises:
-        ValueError: if an argument is out of range; from ``draw``, if no episode is
-            longer than M * k, or there is only one and the share asks for two.
+        ValueError: if an argument is out of range; from ``draw``, if the episodes are
+            too short or too few.
 
     Examples:
         >>> rule = TCPairs(max_action_distance=4, negative_sample_multiplier=5)
@@ -53,15 +51,11 @@ class TCPairs:
         >>> place, extra = rule.draw(episodes, 6, torch.Generator().manual_seed(0))
         >>> place.shape, extra["label"].sum().item()
         (torch.Size([6, 2]), 3.0)
-
-    Shape notation:
-        P: pairs.  F: frames of a batch.
     """
 
     max_action_distance: int = 4
     negative_sample_multiplier: int = 5
     other_episode_share: float = 0.0
-    max_negatives: int | None = None
 
     def __post_init__(self) -> None:
         if self.max_action_distance < 1:
@@ -79,10 +73,6 @@ class TCPairs:
                 f"other_episode_share must lie in [0, 1], got "
                 f"{self.other_episode_share}."
             )
-        if self.max_negatives is not None and self.max_negatives < 1:
-            raise ValueError(
-                f"max_negatives must be at least 1, got {self.max_negatives}."
-            )
 
     @property
     def min_distance(self) -> int:
@@ -95,7 +85,7 @@ class TCPairs:
         """Draw pairs: places ``[P, 2]`` of anchor and other, and ``label`` ``[P]``.
 
         The first half (rounded up) is positive. Anchors are uniform over the frames
-        that can have such a partner, partners uniform over those that fit.
+        that have a partner, partners uniform over those that fit.
         """
         self._check_length(episodes)
         num_positives = (batch_size + 1) // 2
@@ -140,19 +130,16 @@ class TCPairs:
         Returns:
             ``[P]`` with ``anchor``, ``other``, ``label`` and ``weight``.
         """
-        episode = frames.get(EPISODE).flatten().cpu()
-        step = frames.get(STEP).flatten().cpu()
-        same = episode.unsqueeze(0) == episode.unsqueeze(1)
-        gap = (step.unsqueeze(0) - step.unsqueeze(1)).abs()
+        same, gap = compare_steps(frames)
+        gap = gap.abs()
         once = torch.ones_like(same).triu(1)
         near = once & same & (gap >= 1) & (gap <= self.max_action_distance)
         positives = near.nonzero()
         far = (once & same & (gap >= self.min_distance)).nonzero()
-        far = _some(far, self.max_negatives, generator)
         across = far[:0]
         if self.other_episode_share > 0:
-            limit = self.max_negatives or max(len(far), len(positives))
-            across = _some((once & ~same).nonzero(), limit, generator)
+            limit = max(len(far), len(positives))
+            across = _draw_some((once & ~same).nonzero(), limit, generator)
         pair = torch.cat([positives, far, across])
         swap = torch.rand(len(pair), generator=generator) < 0.5
         pair = torch.where(swap.unsqueeze(-1), pair.flip(-1), pair)
@@ -219,8 +206,8 @@ def _draw_across(
     return torch.stack([anchor, other], dim=-1)
 
 
-def _some(pair: Tensor, limit: int | None, generator: torch.Generator | None) -> Tensor:
+def _draw_some(pair: Tensor, limit: int, generator: torch.Generator | None) -> Tensor:
     """At most ``limit`` rows, drawn without replacement."""
-    if limit is None or len(pair) <= limit:
+    if len(pair) <= limit:
         return pair
     return pair[torch.randperm(len(pair), generator=generator)[:limit]]

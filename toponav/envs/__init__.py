@@ -1,23 +1,26 @@
-"""Mazes on a real 3-D engine, as Gymnasium and TorchRL environments."""
+"""Mazes on 3-D engines and other pixel worlds, as TorchRL environments."""
 
-from toponav.envs.doom.errors import EngineError, EngineLostError
-from toponav.envs.gym_env import MazeEnv, register_mazes
-from toponav.envs.layout import Layout, load_layout_file
-from toponav.envs.layout_rules import LayoutError
-from toponav.envs.maze_env import DoomMazeEnv
-from toponav.envs.mazes import MAZES, load_maze, make_random_layout
-
-__all__ = [
-    "MAZES",
-    "DoomMazeEnv",
-    "EngineError",
-    "EngineLostError",
-    "Layout",
-    "LayoutError",
-    "MazeEnv",
-    "load_layout_file",
-    "load_maze",
-    "make_random_layout",
-]
+from toponav.envs.engines import (
+    ENGINES as ENGINES,
+    end_stray_engines as end_stray_engines,
+    load_engine as load_engine,
+)
+from toponav.envs.errors import (
+    EngineError as EngineError,
+    EngineLostError as EngineLostError,
+)
+from toponav.envs.gym_env import (
+    MazeGymEnv as MazeGymEnv,
+    register_mazes as register_mazes,
+)
+from toponav.envs.layout import Layout as Layout, load_layout_file as load_layout_file
+from toponav.envs.layout_rules import LayoutError as LayoutError
+from toponav.envs.maze_env import DoomMazeEnv as DoomMazeEnv, MazeEnv as MazeEnv
+from toponav.envs.mazes import (
+    MAZES as MAZES,
+    load_maze as load_maze,
+    make_random_layout as make_random_layout,
+)
+from toponav.envs.pixel_world import make_pixel_env as make_pixel_env
 
 register_mazes()

@@ -7,70 +7,54 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
-from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
 from torchrl.envs import EnvBase
 
+from toponav.envs.batched_games import BatchedGames, Snapshot
 from toponav.envs.depth import DepthCaster
-from toponav.envs.doom.engine import HEIGHT, WIDTH
-from toponav.envs.doom.fleet import Fleet, Snapshot
-from toponav.envs.doom.game import NUM_ACTIONS
+from toponav.envs.engines import load_engine
+from toponav.envs.game import Look
 from toponav.envs.layout import Layout
+from toponav.envs.layout_rules import Cell
 from toponav.envs.scene import Scene, SceneRules
+from toponav.envs.specs import masked_rows, set_world
 from toponav.keys import PRIVILEGED
+from toponav.worlds import WorldSpec
 
 # An entry of a tensordict before it becomes one.
 Entry = NDArray[np.generic] | dict[str, "Entry"]
 
 
-class DoomMazeEnv(EnvBase):
+class MazeEnv(EnvBase):
     """A batch of mazes, one engine each, driven by a thread pool in one process.
 
-    Description:
-        First-person mazes with discrete, non-slipping motion. One step is one
-        *decision*: the action's buttons are held for four engine tics.
+    One step is one *decision*; ``env.world`` says what actions, view, motion and
+    rewards are. Observations are ``pixels`` uint8 ``[*B, H, W, 3]`` and, if asked for,
+    ``depth`` float32 ``[*B, h, w]``, ``velocity`` float32 ``[*B, 6]`` and the ground
+    truth under ``privileged``; `toponav.keys` has their units.
 
-    Action Space:
-        ``action`` int64 ``[*B]``: 0 forward, 1 backward, 2 turn left, 3 turn
-        right, 4 forward and left, 5 forward and right. A cell is 128 map units,
-        3.9 decisions; a turn is 20 degrees.
-
-    Observation Space:
-        ``pixels`` uint8 ``[*B, 120, 160, 3]``. If asked for: ``depth`` float32
-        ``[*B, H, W]`` (planar, map units), ``velocity`` float32 ``[*B, 6]``, and
-        under ``privileged`` the truth that evaluation needs (see
-        ``toponav.keys``).
-
-    Starting State:
-        A random cell that is no slot, up to 0.2 cells off its centre, a random
-        heading; apples and goal in other cells. Each episode is a function of
-        seed, row and the number of episodes that the row has begun.
-
-    Rewards:
-        1 for an apple, 10 for the goal, else 0.
-
-    Episode End:
-        ``truncated`` after ``episode_length`` decisions, or when the engine was
-        lost (it is replaced at the next reset, with a warning). A goal never ends
-        an episode, it puts the agent at a new random start: ``terminated`` is
-        always false.
+    An episode starts in a random cell that is no slot, with apples and goal in other
+    cells; it is a function of seed, row and the number of episodes that the row has
+    begun. It is ``truncated`` after ``episode_length`` decisions, or when the engine
+    was lost (the next reset replaces it). The goal puts the agent at a new random start
+    and ends no episode: ``terminated`` is always false.
 
     Args:
         layout: the maze.
-        batch_size: number of mazes E; ``None`` is one maze without a batch
-            dimension.
+        engine: name of the engine that runs it, a key of ``ENGINES``.
+        batch_size: number of mazes E; ``None`` is one maze without a batch dimension.
         apples: number of apples in each episode.
         goal: whether each episode has a goal.
         blocked: letters of the slots that are closed from the start.
+        goal_cells: cells where the goal can be; all but the slots unless given.
         episode_length: decisions in an episode.
         texture_seed: draws walls, floors and paintings.
-        paintings: share of wall edges with a painting, in [0, 1].
-        marks: share of wall edges with small marks of their own, in [0, 1].
+        paintings: share of wall edges with a painting, in [0, 1], seen from far off.
+        marks: share of wall edges with small marks, in [0, 1], seen from close by.
         depth: height and width of the depth picture, or ``None`` for none.
         velocity: whether to give the velocity.
-        privileged: whether to give the truth.
-        seed: seed of the episodes, drawn from the operating system unless given;
-            ``set_seed`` changes it. Two environments with the same seed play the
-            same episodes, so give each worker its own.
+        privileged: whether to give the ground truth.
+        seed: seed of the episodes, random unless given; give each worker its own.
         num_threads: threads of the pool, by default one a maze, at most eight.
         device: where the tensors go; the engines draw on the processor.
 
@@ -80,24 +64,26 @@ class DoomMazeEnv(EnvBase):
 
     Examples:
         >>> from toponav.envs import load_maze
-        >>> env = DoomMazeEnv(load_maze("maze1"), batch_size=2, episode_length=50)
-        >>> rollout = env.rollout(8)
-        >>> rollout["pixels"].shape
-        torch.Size([2, 8, 120, 160, 3])
+        >>> env = MazeEnv(load_maze("maze1"), batch_size=2, episode_length=50)
+        >>> tuple(env.rollout(8)["pixels"].shape) == (2, 8, *env.world.view_size, 3)
+        True
         >>> env.close()
-
-    Shape notation:
-        B: batch, ``[E]`` or nothing.  S: slots.  H, W: height and width.
     """
+
+    world: WorldSpec
+    #: The games behind the tensors.
+    games: BatchedGames
 
     def __init__(
         self,
         layout: Layout,
         *,
+        engine: str = "vizdoom",
         batch_size: int | None = None,
         apples: int = 0,
         goal: bool = False,
         blocked: Iterable[str] = (),
+        goal_cells: Iterable[Cell] | None = None,
         episode_length: int = 1800,
         texture_seed: int = 0,
         paintings: float = 0.5,
@@ -113,171 +99,140 @@ class DoomMazeEnv(EnvBase):
             raise ValueError(f"batch_size must be at least 1, got {batch_size}")
         shape = torch.Size([] if batch_size is None else [batch_size])
         super().__init__(device=device, batch_size=shape)
+        game_engine = load_engine(engine)
         self.layout = layout
-        self._caster = None if depth is None else DepthCaster(layout, depth)
-        self._fleet = Fleet(
+        self._caster: DepthCaster | None = None
+        if depth is not None:
+            cell_size, camera = game_engine.motion.cell_size, game_engine.camera
+            self._caster = DepthCaster(
+                layout, depth, camera=camera, cell_size=cell_size
+            )
+        rules = SceneRules(
+            apples=apples,
+            goal=goal,
+            blocked=tuple(blocked),
+            goal_cells=None if goal_cells is None else tuple(goal_cells),
+        )
+        self.games = BatchedGames(
+            game_engine,
             layout,
             batch_size or 1,
-            rules=SceneRules(apples=apples, goal=goal, blocked=tuple(blocked)),
+            rules=rules,
             episode_length=episode_length,
-            texture_seed=texture_seed,
-            paintings=paintings,
-            marks=marks,
+            look=Look(texture_seed=texture_seed, paintings=paintings, marks=marks),
             num_threads=num_threads,
         )
-        self._end = weakref.finalize(self, self._fleet.close)
+        self._end = weakref.finalize(self, self.games.close)
         self._with_velocity = velocity
         self._with_privileged = privileged
-        self._make_specs()
-        self._fleet.seed(seed)
+        set_world(self, game_engine.world, self._optional_specs())
+        self.games.seed(seed)
 
-    def _make_specs(self) -> None:
+    def _optional_specs(self) -> dict[str, TensorSpec]:
         shape, device = self.batch_size, self.device
-        observation = Composite(
-            pixels=Bounded(
-                0, 255, (*shape, HEIGHT, WIDTH, 3), dtype=torch.uint8, device=device
-            ),
-            shape=shape,
-            device=device,
-        )
+        specs: dict[str, TensorSpec] = {}
         if self._caster is not None:
-            observation["depth"] = Bounded(
-                0.0, self._caster.far, (*shape, *self._caster.size), device=device
-            )
+            size = (*shape, *self._caster.size)
+            specs["depth"] = Bounded(0.0, self._caster.far, size, device=device)
         if self._with_velocity:
-            observation["velocity"] = Unbounded((*shape, 6), device=device)
+            specs["velocity"] = Unbounded((*shape, 6), device=device)
         if self._with_privileged:
-            observation[PRIVILEGED] = self._privileged_spec()
-        self.observation_spec = observation
-        self.action_spec = Categorical(NUM_ACTIONS, shape=shape, device=device)
-        self.reward_spec = Unbounded((*shape, 1), device=device)
-        self.done_spec = Composite(
-            {
-                key: Binary(1, (*shape, 1), dtype=torch.bool, device=device)
-                for key in ("done", "terminated", "truncated")
-            },
-            shape=shape,
-            device=device,
-        )
+            specs[PRIVILEGED] = self._privileged_spec()
+        return specs
 
     def _privileged_spec(self) -> Composite:
         shape, device = self.batch_size, self.device
-        rows, columns = self.layout.shape
         num_slots = len(self.layout.slots)
-        integer = {"dtype": torch.int64, "device": device}
-        flag = {"dtype": torch.bool, "device": device}
-        last = torch.tensor([rows, columns]) - 1
+        last = (torch.tensor(self.layout.shape) - 1).expand(*shape, 2)
         return Composite(
-            position=Unbounded((*shape, 2), device=device),
-            heading=Bounded(0.0, 360.0, (*shape, 1), device=device),
-            cell=Bounded(0, last.expand(*shape, 2), (*shape, 2), **integer),
-            goal_cell=Bounded(-1, last.expand(*shape, 2), (*shape, 2), **integer),
-            blocked=Binary(num_slots, (*shape, num_slots), **flag),
-            respawned=Binary(1, (*shape, 1), **flag),
+            position=Unbounded((*shape, 2)),
+            heading=Bounded(0.0, 360.0, (*shape, 1)),
+            cell=Bounded(0, last, (*shape, 2), dtype=torch.int64),
+            goal_cell=Bounded(-1, last, (*shape, 2), dtype=torch.int64),
+            blocked=Binary(num_slots, (*shape, num_slots), dtype=torch.bool),
+            respawned=Binary(1, (*shape, 1), dtype=torch.bool),
             shape=shape,
-            device=device,
-        )
+        ).to(device)
 
     def _reset(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
-        mask = None if tensordict is None else tensordict.get("_reset", None)
-        rows = list(range(self._fleet.size))
-        if mask is not None:
-            rows = np.flatnonzero(mask.cpu().numpy()).tolist()
-        snapshot = self._fleet.reset(rows)
-        return self._tensordict(self._observation(snapshot), snapshot.truncated)
+        rows = masked_rows(tensordict, "_reset", self.games.size)
+        return self._tensordict(self.games.reset(rows))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         actions = tensordict.get("action").reshape(-1).tolist()
-        partial = tensordict.get("_step", None)
-        rows = None
-        if partial is not None:
-            rows = np.flatnonzero(partial.cpu().numpy()).tolist()
-        snapshot = self._fleet.step(actions, rows)
-        entries = self._observation(snapshot)
-        entries["reward"] = snapshot.reward[:, None]
-        return self._tensordict(entries, snapshot.truncated)
+        rows = masked_rows(tensordict, "_step", self.games.size)
+        snapshot = self.games.step(actions, rows)
+        data = self._tensordict(snapshot)
+        return data.update(self._nested({"reward": snapshot.reward[:, None]}))
 
-    def _observation(self, snapshot: Snapshot) -> dict[str, Entry]:
-        entries: dict[str, Entry] = {"pixels": snapshot.pixels}
-        if self._caster is not None:
-            x, y, heading = self._fleet.poses().T
-            entries["depth"] = self._caster.cast(x, y, heading, self._fleet.closed())
-        if self._with_velocity:
-            entries["velocity"] = self._velocity()
-        if self._with_privileged:
-            entries[PRIVILEGED] = self._privileged()
-        return entries
-
-    def _velocity(self) -> NDArray[np.float32]:
-        # The mazes are flat: up, pitch and roll are there for the paper's R^6.
-        velocity = np.zeros((self._fleet.size, 6), dtype=np.float32)
-        velocity[:, [0, 1, 3]] = self._fleet.moves()
-        return velocity
-
-    def _privileged(self) -> dict[str, Entry]:
-        poses = self._fleet.poses()
-        return {
-            "position": poses[:, :2].astype(np.float32),
-            "heading": poses[:, 2:].astype(np.float32),
-            "cell": self.layout.cells_of(poses[:, 0], poses[:, 1]),
-            "goal_cell": self._fleet.goal_cells(),
-            "blocked": self._fleet.closed(),
-            "respawned": self._fleet.respawned()[:, None],
+    def _tensordict(self, snapshot: Snapshot) -> TensorDict:
+        games, done = self.games, snapshot.truncated[:, None]
+        entries: dict[str, Entry] = {
+            "pixels": snapshot.pixels,
+            "done": done,
+            "truncated": done.copy(),
+            "terminated": np.zeros_like(done),
         }
-
-    def _tensordict(
-        self, entries: dict[str, Entry], truncated: NDArray[np.bool_]
-    ) -> TensorDict:
-        """Tensors of the batch's shape on the environment's device."""
-        done = truncated[:, None]
-        entries["done"], entries["truncated"] = done, done.copy()
-        entries["terminated"] = np.zeros_like(done)
+        if self._caster is not None:
+            x, y, heading = games.poses().T
+            entries["depth"] = self._caster.cast(x, y, heading, games.closed())
+        if self._with_velocity:
+            # The mazes are flat: up, pitch and roll are there for the paper's R^6.
+            velocity = np.zeros((games.size, 6), dtype=np.float32)
+            velocity[:, [0, 1, 3]] = games.moves()
+            entries["velocity"] = velocity
+        if self._with_privileged:
+            poses = games.poses().astype(np.float32)
+            entries[PRIVILEGED] = {
+                "position": poses[:, :2],
+                "heading": poses[:, 2:],
+                "cell": games.cells(),
+                "goal_cell": games.goal_cells(),
+                "blocked": games.closed(),
+                "respawned": games.respawned()[:, None],
+            }
         return self._nested(entries)
 
     def _nested(self, entries: dict[str, Entry]) -> TensorDict:
+        """Tensors of the batch's shape on the environment's device."""
         source = {}
         for key, entry in entries.items():
             if isinstance(entry, dict):
                 source[key] = self._nested(entry)
                 continue
-            tensor = torch.from_numpy(entry)
-            if not self.batch_size:
-                tensor = tensor[0]
+            tensor = torch.from_numpy(entry if self.batch_size else entry[0])
             source[key] = tensor.to(self.device)
         return TensorDict._new_unsafe(
             source, batch_size=self.batch_size, device=self.device
         )
 
     def _set_seed(self, seed: int | None) -> None:
-        self._fleet.seed(seed)
+        self.games.seed(seed)
 
     def set_slot(
         self, letter: str, *, closed: bool, rows: Iterable[int] | None = None
     ) -> None:
-        """Close or open a slot in mid-episode; takes effect with the next decision.
+        """Close or open a slot of some rows (all by default) in mid-episode.
 
-        A closing waits while the agent stands in the slot or at its edge.
-
-        Args:
-            letter: the slot.
-            closed: whether to close or to open it.
-            rows: which of the batch's mazes; all by default.
-
-        Raises:
-            ValueError: if the slot is unknown, or would cut a maze in two.
+        It takes effect with the next decision; a closing waits while the agent stands
+        in the slot. A ``ValueError`` if it is unknown or would cut a maze in two.
         """
-        self._fleet.set_slot(letter, closed=closed, rows=rows)
+        self.games.set_slot(letter, closed=closed, rows=rows)
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
         """What the current episode of each row holds: the truth, for pictures."""
-        return self._fleet.scenes
+        return self.games.scenes
 
     @property
     def engine_pids(self) -> tuple[int, ...]:
         """Process numbers of the engines, one a row."""
-        return self._fleet.pids
+        return self.games.pids
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         self._end()
         super().close(raise_if_closed=raise_if_closed)
+
+
+#: The name from before there was a choice of engines.
+DoomMazeEnv = MazeEnv

@@ -1,14 +1,11 @@
-"""The mazes that come with the package, and random ones.
+"""The mazes that come with the package, and random ones."""
 
-Public names: ``MAZES``, ``load_maze``, ``make_random_layout``.
-"""
-
-from difflib import get_close_matches
 from importlib.resources import files
 
 import networkx as nx
 import numpy as np
 
+from toponav.envs.errors import unknown_name
 from toponav.envs.layout import Layout
 from toponav.envs.layout_rules import FLOOR, MAX_SIDE, WALL
 
@@ -19,25 +16,16 @@ MAZES = ("maze1", "maze2", "maze3", "select")
 def load_maze(name: str) -> Layout:
     """One of the package's mazes by name.
 
-    Args:
-        name: one of ``MAZES``. ``maze1`` has three paths of different lengths
-            between two boxes and the slots ``a`` and ``b``; ``maze2`` a central
-            corridor with six arms; ``maze3`` four loops and many dead ends;
-            ``select`` is the maze for choosing parameters.
-
-    Raises:
-        ValueError: if there is no maze of that name.
+    ``maze1`` has three paths of different lengths between two boxes and the slots ``a``
+    and ``b``; ``maze2`` a central corridor with six arms; ``maze3`` four loops and many
+    dead ends; ``select`` is the maze for choosing parameters.
 
     Examples:
         >>> load_maze("maze1").num_cells, load_maze("maze1").slots
         (51, {'a': (8, 4), 'b': (4, 4)})
     """
     if name not in MAZES:
-        near = get_close_matches(name, MAZES, n=1, cutoff=0.0)[0]
-        raise ValueError(
-            f"maze must be one of {', '.join(MAZES)}, got '{name}' "
-            f"(did you mean '{near}'?)"
-        )
+        raise unknown_name("maze", name, MAZES)
     text = files("toponav.envs").joinpath(f"layouts/{name}.txt").read_text("utf-8")
     return Layout(text, name=name)
 
@@ -47,18 +35,13 @@ def make_random_layout(
 ) -> Layout:
     """A random maze of any size: a spanning tree of corridors plus loops.
 
-    Junctions lie on a ``rows x cols`` grid, two cells apart, so the text has
-    ``2 * rows + 1`` lines. The tree is a minimum spanning tree under random
-    weights; then walls between neighbouring junctions are opened to make loops.
+    The tree is a minimum spanning tree under random weights.
 
     Args:
-        rows: junctions from north to south, at least 1.
+        rows: junctions from north to south, two cells apart, at least 1.
         cols: junctions from west to east, at least 1.
         seed: the same seed gives the same maze.
         loops: share of the remaining walls between junctions to open, in [0, 1].
-
-    Raises:
-        ValueError: if the size or ``loops`` is out of range.
 
     Examples:
         >>> print(make_random_layout(2, 3, seed=1).text)

@@ -1,32 +1,31 @@
-"""The topological map: waypoints, edges, and the file they are kept in."""
+"""The topological map, the file it is kept in, and the policy that walks over it."""
 
-from toponav.graph.localiser import Localiser, Map
-from toponav.graph.map_file import MapFileError, load_map, save_map
-from toponav.graph.navigator import Locomotion, Navigator
-from toponav.graph.planner import Plan, Planner
-from toponav.graph.rules import EdgeRule, ExtendBy, Rules
-from toponav.graph.sparsify import sparsify
-from toponav.graph.topological_map import TopologicalMap
-from toponav.graph.waypoint_graph import WaypointGraph
-from toponav.graph.waypoints import Compare, Embed, Waypoints
-
-__all__ = [
-    "Compare",
-    "EdgeRule",
-    "Embed",
-    "ExtendBy",
-    "Localiser",
-    "Locomotion",
-    "Map",
-    "MapFileError",
-    "Navigator",
-    "Plan",
-    "Planner",
-    "Rules",
-    "TopologicalMap",
-    "WaypointGraph",
-    "Waypoints",
-    "load_map",
-    "save_map",
-    "sparsify",
-]
+from toponav.graph.calibration import (
+    MAP_SHARE as MAP_SHARE,
+    REWARD_SHARE as REWARD_SHARE,
+    Calibration as Calibration,
+    calibrate_reach as calibrate_reach,
+    calibrate_share as calibrate_share,
+)
+from toponav.graph.map_file import (
+    MapFileError as MapFileError,
+    load_map as load_map,
+    save_map as save_map,
+)
+from toponav.graph.navigation.localiser import Localiser as Localiser, Map as Map
+from toponav.graph.navigation.navigator import (
+    Locomotion as Locomotion,
+    Navigator as Navigator,
+)
+from toponav.graph.navigation.planner import Plan as Plan, Planner as Planner
+from toponav.graph.pieces import MapKeys as MapKeys
+from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
+from toponav.graph.sparsify import sparsify as sparsify
+from toponav.graph.topological_map import TopologicalMap as TopologicalMap
+from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph
+from toponav.graph.waypoint_share import (
+    WalkWaypoints as WalkWaypoints,
+    prepare_walks as prepare_walks,
+    share_curve as share_curve,
+)
+from toponav.graph.waypoints import Compare as Compare, Embed as Embed

@@ -1,7 +1,5 @@
 """The file of a map: a zip archive that opens without this package.
 
-- `save_map`, `load_map`: write and read it.
-
 Inside are ``graph.json`` (settings, nodes and edges in the node-link form that
 networkx, D3 and others read), ``embeddings.npy``, ``prepared.npy`` and
 ``views/000000.png`` and so on.
@@ -9,6 +7,7 @@ networkx, D3 and others read), ``embeddings.npy``, ``prepared.npy`` and
 
 import io
 import json
+import math
 import os
 import zipfile
 from collections.abc import Mapping
@@ -22,7 +21,8 @@ from torch import Tensor
 
 _FORMAT, _VERSION = "toponav map", 2
 _NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
-#: Every entry has this date, so that one map gives one file to the last byte.
+_ARRAYS = ("embeddings", "prepared")
+#: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 #: What reading bytes that are no map may raise.
@@ -47,33 +47,9 @@ def save_map(
     *,
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a map into one file, or leave the old one as it is.
+    """Write a map, a `TopologicalMap.state_dict`, into one file, atomically.
 
-    The name changes hands in one step, after the bytes have reached the disk.
-
-    Args:
-        state: `TopologicalMap.state_dict`.
-        path: the file; its folder must exist.
-        about: words to keep with it, such as the maze's name.
-
-    Raises:
-        ValueError: if the views are no RGB pictures of bytes.
-
-    Examples:
-        >>> import tempfile
-        >>> from toponav.graph import TopologicalMap, load_map
-        >>> grown = TopologicalMap(
-        ...     embed=lambda views: views.flatten(1).float(),
-        ...     compare=lambda one, many: 1 - (one.unsqueeze(1) - many).abs().mean(-1),
-        ...     tc_threshold=0.9,
-        ...     tc_reach=0.7,
-        ... )
-        >>> path = Path(tempfile.mkdtemp()) / "map.zip"
-        >>> save_map(grown.state_dict(), path, about={"maze": "maze1"})
-        >>> state, about = load_map(path)
-        >>> grown.load_state_dict(state)
-        >>> about
-        {'maze': 'maze1'}
+    The folder must exist; ``about`` are words to keep, such as the maze's name.
     """
     path = Path(path)
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
@@ -81,12 +57,12 @@ def save_map(
         with fresh.open("wb") as file:
             with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
                 _write(archive, "graph.json", _graph(state, about or {}))
-                for name in ("embeddings", "prepared"):
+                for name in _ARRAYS:
                     buffer = io.BytesIO()
                     np.save(buffer, np.asarray(state[name]), allow_pickle=False)
                     _write(archive, f"{name}.npy", buffer.getvalue())
                 for number, view in enumerate(state["images"]):
-                    _write(archive, _view_name(number), _png(view))
+                    _write(archive, _view_name(number), _encode_view(view))
             file.flush()
             os.fsync(file.fileno())
         fresh.replace(path)
@@ -95,16 +71,9 @@ def save_map(
 
 
 def load_map(path: Path | str) -> tuple[dict[str, Any], dict[str, str]]:
-    """Read a file that `save_map` wrote, to the last bit.
+    """Read the state and the words of a file that `save_map` wrote, exactly.
 
-    Args:
-        path: the file.
-
-    Returns:
-        The state for `TopologicalMap.load_state_dict`, and the words.
-
-    Raises:
-        MapFileError: if the file is missing, damaged, no map or of another version.
+    Raises `MapFileError` if it is missing, damaged, no map or of another version.
     """
     path = Path(path)
     if not path.is_file():
@@ -116,20 +85,19 @@ def load_map(path: Path | str) -> tuple[dict[str, Any], dict[str, str]]:
         raise
     except _DAMAGED as bad:
         raise MapFileError(
-            f"a map must be a file that was written whole, got the damaged {path} "
+            f"a map must be a file that was written completely, got the damaged {path} "
             f"({str(bad).strip()[:80]})"
         ) from bad
 
 
 def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
-    """All but the arrays, as JSON: similarities keep every bit, NaN is null."""
     edges = zip(
         state["edges"].tolist(),
         state["traversals"].tolist(),
         state["edge_similarity"].tolist(),
         strict=True,
     )
-    told = {
+    content = {
         "format": _FORMAT,
         "format_version": _VERSION,
         "directed": False,
@@ -149,12 +117,12 @@ def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
                 "target": other,
                 "traversals": there,
                 "traversals_back": back,
-                "similarity": None if value != value else value,
+                "similarity": None if math.isnan(value) else value,
             }
             for (one, other), (there, back), value in edges
         ],
     }
-    return json.dumps(told, indent=0, allow_nan=False).encode()
+    return json.dumps(content, indent=0, allow_nan=False).encode()
 
 
 def _read(
@@ -162,32 +130,26 @@ def _read(
 ) -> tuple[dict[str, Any], dict[str, str]]:
     if "graph.json" not in archive.namelist():
         raise MapFileError(f"a map must hold graph.json, got {path} without")
-    told = json.loads(archive.read("graph.json"))
-    if (told.get("format"), told.get("format_version")) != (_FORMAT, _VERSION):
+    content = json.loads(archive.read("graph.json"))
+    if (content.get("format"), content.get("format_version")) != (_FORMAT, _VERSION):
         raise MapFileError(
             f"a map must be of version {_VERSION}, got {path} with "
-            f"{told.get('format', 'something else')} {told.get('format_version', '')}"
+            f"{content.get('format', 'something else')} "
+            f"{content.get('format_version', '')}"
         )
-    nodes, edges, graph = told["nodes"], told["edges"], told["graph"]
+    nodes, edges, graph = content["nodes"], content["edges"], content["graph"]
     state: dict[str, Any] = {name: graph[name] for name in _NUMBERS}
-    for name in ("embeddings", "prepared"):
+    for name in _ARRAYS:
         array = np.load(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
         if len(nodes) != len(array):
             raise ValueError(f"{len(nodes)} nodes, {len(array)} {name}")
         state[name] = torch.from_numpy(array)
-    views = (
-        [_view(archive.read(_view_name(at))) for at in range(len(nodes))]
-        if (graph["views"])
-        else []
-    )
+    names = [_view_name(at) for at in range(len(nodes))] if graph["views"] else []
+    views = [_decode_view(archive.read(name)) for name in names]
     state["images"] = torch.stack(views) if views else torch.empty(0)
-    state["origins"] = _integers(
-        [[node["environment"], node["observation"]] for node in nodes]
-    )
-    state["edges"] = _integers([[edge["source"], edge["target"]] for edge in edges])
-    state["traversals"] = _integers(
-        [[edge["traversals"], edge["traversals_back"]] for edge in edges]
-    )
+    state["origins"] = _columns(nodes, "environment", "observation")
+    state["edges"] = _columns(edges, "source", "target")
+    state["traversals"] = _columns(edges, "traversals", "traversals_back")
     values = [edge["similarity"] for edge in edges]
     state["edge_similarity"] = torch.tensor(
         [float("nan") if value is None else value for value in values],
@@ -196,8 +158,9 @@ def _read(
     return state, dict(graph["about"])
 
 
-def _integers(pairs: list[list[int]]) -> Tensor:
-    return torch.tensor(pairs, dtype=torch.int64).reshape(-1, 2)
+def _columns(rows: list[dict[str, int]], *names: str) -> Tensor:
+    values = [[row[name] for name in names] for row in rows]
+    return torch.tensor(values, dtype=torch.int64).reshape(-1, 2)
 
 
 def _view_name(number: int) -> str:
@@ -212,7 +175,7 @@ def _write(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
     archive.writestr(entry, data)
 
 
-def _png(view: Tensor) -> bytes:
+def _encode_view(view: Tensor) -> bytes:
     if view.dtype is not torch.uint8 or view.ndim != 3 or view.shape[-1] != 3:
         raise ValueError(
             f"views must be uint8 [H, W, 3], got {view.dtype} {list(view.shape)}"
@@ -222,6 +185,6 @@ def _png(view: Tensor) -> bytes:
     return buffer.getvalue()
 
 
-def _view(data: bytes) -> Tensor:
+def _decode_view(data: bytes) -> Tensor:
     with Image.open(io.BytesIO(data)) as image:
         return torch.from_numpy(np.array(image))

@@ -2,24 +2,43 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey, TensorDictBase, unravel_key
 from torch import Tensor
 
 from toponav.graph.waypoints import check_finite
-from toponav.keys import DONE, EMBEDDING, ENV_ID, NETWORKS_VERSION, PIXELS, REWARD
+from toponav.keys import (
+    DONE,
+    EMBEDDING,
+    ENV_ID,
+    NETWORK_PIXELS,
+    NETWORKS_VERSION,
+    REWARD,
+)
+
+
+@dataclass(frozen=True)
+class MapKeys:
+    """The keys that `TopologicalMap` reads of a batch; see its ``set_keys``."""
+
+    embedding: NestedKey = EMBEDDING  # float [D]
+    #: uint8 ``[H, W, C]``; only needed where embeddings are missing or made by other
+    #: networks, or where the map's embeddings are to be refreshed.
+    views: NestedKey = NETWORK_PIXELS
+    done: NestedKey = DONE  # bool [1], under "next"
+    reward: NestedKey = REWARD  # the task's, [1], under "next"; may be missing
+    env_id: NestedKey = ENV_ID  # int64 [1], number of the environment
+    #: int64 ``[1]``, of the networks that made the embedding; may be missing.
+    version: NestedKey = NETWORKS_VERSION
 
 
 @dataclass
 class Piece:
-    """Observations in a row of one environment.
+    """Successive observations ``[T, D]`` of an environment, and their views if known.
 
-    Args:
-        env: number of the environment.
-        embeddings: float32 ``[T, D]``.
-        images: ``[T, H, W, C]``, if the views are known.
-        ends: whether what comes next does not follow on the last observation.
+    ``ends`` says whether the next observation does not follow on the last one.
     """
 
     env: int
@@ -30,111 +49,86 @@ class Piece:
 
 def read_pieces(
     data: TensorDictBase,
+    keys: MapKeys,
     *,
     embed: Callable[[Tensor], Tensor],
     network_version: int = 0,
-    respawn_reward: float | None = None,
+    goal_reward: float | None = None,
     whole: bool = False,
 ) -> list[Piece]:
-    """Cut a batch where episodes end or agents are put elsewhere.
+    """Cut a batch ``[E, T]`` where episodes end or agents are put elsewhere.
+
+    The pieces are in the order of environments, then of time.
 
     Args:
-        data: ``[E, T]`` decisions with `EMBEDDING` or `PIXELS`, and the done flags
-            and `ENV_ID` unless ``whole``.
+        data: decisions.
+        keys: what to read of them.
         embed: embeds views, if there are no embeddings or they are of other networks.
         network_version: of the embeddings that are wanted.
-        respawn_reward: a task reward from this on means that the agent was put
-            elsewhere.
-        whole: whether every row is an episode that nothing follows on; it is then
-            read as of environment 0 unless `ENV_ID` is there.
-
-    Returns:
-        The pieces, environment by environment, in the order of time.
-
-    Raises:
-        ValueError: if something is missing or an embedding is not finite.
-
-    Examples:
-        >>> from tensordict import TensorDict
-        >>> done = torch.tensor([[[False], [True], [False]]])
-        >>> data = TensorDict({"embedding": torch.zeros(1, 3, 2)}, [1, 3])
-        >>> data["next"], data["env_id"] = {"done": done}, torch.full((1, 3, 1), 7)
-        >>> pieces = read_pieces(data, embed=lambda views: views)
-        >>> [(piece.env, len(piece.embeddings), piece.ends) for piece in pieces]
-        [(7, 2, True), (7, 1, False)]
+        goal_reward: from this reward on, the agent was put elsewhere.
+        whole: whether every row is a complete episode: its end needs no done flag, and
+            without an environment's number it is of environment 0.
     """
-    images = data.get(PIXELS, None)
+    images = data.get(keys.views, None)
     images = None if images is None else images.cpu()
-    embeddings = _embeddings(data, images, embed, network_version)
-    ends = _ends(data, respawn_reward, whole)
-    if ENV_ID in data.keys(True):
-        envs = data.get(ENV_ID)[:, 0].flatten().tolist()
-    elif whole:
-        envs = [0] * len(data)
-    else:
-        raise ValueError(f"batches must have {ENV_ID!r}, got {_names(data)}")
+    embeddings = _embeddings(data, keys, images, embed, network_version)
+    ends = _ends(data, keys, goal_reward, whole)
+    env_id = data.get(keys.env_id, None)
+    if env_id is None and not whole:
+        raise _missing(f"{keys.env_id!r}", data)
+    envs = [0] * len(data) if env_id is None else env_id[:, 0].flatten().tolist()
     pieces = []
     for row, env in enumerate(envs):
-        cuts = [0, *(ends[row].nonzero().flatten() + 1).tolist()]
-        for start, stop in zip(cuts, [*cuts[1:], data.shape[1]], strict=True):
-            if start == stop:
-                continue
-            pieces.append(
-                Piece(
-                    env,
-                    embeddings[row, start:stop],
-                    None if images is None else images[row, start:stop],
-                    bool(ends[row, stop - 1]),
-                )
-            )
+        cuts = [0, *(ends[row].nonzero().flatten() + 1).tolist(), data.shape[1]]
+        for start, stop in pairwise(cuts):
+            if start < stop:
+                views = None if images is None else images[row, start:stop]
+                is_last = bool(ends[row, stop - 1])
+                pieces.append(Piece(env, embeddings[row, start:stop], views, is_last))
     return pieces
 
 
 def _embeddings(
     data: TensorDictBase,
+    keys: MapKeys,
     images: Tensor | None,
     embed: Callable[[Tensor], Tensor],
     network_version: int,
 ) -> Tensor:
-    """The embeddings ``[E, T, D]`` by the networks of one version."""
-    embeddings, version = data.get(EMBEDDING, None), data.get(NETWORKS_VERSION, None)
-    if embeddings is not None:
-        if version is None or bool((version == network_version).all()):
-            known: Tensor = embeddings.float().cpu()
-            check_finite(known)
-            return known
-        if images is None:
-            raise ValueError(
-                f"batches of other networks must have {PIXELS!r} to embed anew, got "
-                f"version {int(version.flatten()[0])} and not {network_version}"
-            )
-    if images is None:
-        raise ValueError(
-            f"batches must have {EMBEDDING!r} or {PIXELS!r}, got {_names(data)}"
-        )
-    made: Tensor = embed(images.flatten(0, 1)).unflatten(0, data.shape)
-    return made
+    embeddings, version = data.get(keys.embedding, None), data.get(keys.version, None)
+    is_current = version is None or bool((version == network_version).all())
+    if embeddings is not None and is_current:
+        known: Tensor = embeddings.float().cpu()
+        check_finite(known)
+        return known
+    if images is not None:
+        made: Tensor = embed(images.flatten(0, 1)).unflatten(0, data.shape)
+        return made
+    if embeddings is None:
+        raise _missing(f"{keys.embedding!r} or {keys.views!r}", data)
+    raise ValueError(
+        f"batches of other networks must have {keys.views!r} to embed again, got "
+        f"version {int(version.flatten()[0])} and not {network_version}"
+    )
 
 
-def _ends(data: TensorDictBase, respawn_reward: float | None, whole: bool) -> Tensor:
-    """After which decisions what follows is not the next observation, ``[E, T]``."""
+def _ends(
+    data: TensorDictBase, keys: MapKeys, goal_reward: float | None, whole: bool
+) -> Tensor:
     ends = torch.zeros(data.shape, dtype=torch.bool)
-    done = data.get(_under_next(DONE), None)
+    done = data.get(unravel_key(("next", keys.done)), None)
     if done is not None:
         ends |= done.reshape(*data.shape, -1).any(-1).cpu()
     elif not whole:
-        raise ValueError(f"batches must have {_under_next(DONE)}, got {_names(data)}")
-    reward = data.get(_under_next(REWARD), None)
-    if reward is not None and respawn_reward is not None:
-        ends |= (reward >= respawn_reward).reshape(*data.shape, -1).any(-1).cpu()
+        raise _missing(f"{('next', keys.done)}", data)
+    reward = data.get(unravel_key(("next", keys.reward)), None)
+    if reward is not None and goal_reward is not None:
+        ends |= (reward >= goal_reward).reshape(*data.shape, -1).any(-1).cpu()
     if whole:
         ends[:, -1] = True
     return ends
 
 
-def _under_next(key: NestedKey) -> NestedKey:
-    return ("next", key) if isinstance(key, str) else ("next", *key)
-
-
-def _names(data: TensorDictBase) -> list[str]:
-    return [str(key) for key in data.keys(True)]
+def _missing(wanted: str, data: TensorDictBase) -> ValueError:
+    found = [str(name) for name in data.keys(True)]
+    return ValueError(f"batches must have {wanted}, got {found}")

@@ -1,85 +1,74 @@
-"""`Rules`: when an observation becomes a waypoint, and what an edge joins."""
+"""`MapRules` and `NavigatorRules`: the choices of a map and of a navigator."""
 
 from dataclasses import dataclass
 from typing import Literal
 
-EdgeRule = Literal["both", "reach", "time"]
-ExtendBy = Literal["itself", "previous"]
 
+@dataclass(frozen=True, kw_only=True)
+class MapRules:
+    """When an observation becomes a waypoint, and what an edge joins.
 
-@dataclass
-class Rules:
-    """The choices of `TopologicalMap`, which says what they mean, checked.
-
-    Raises:
-        ValueError: if one is out of range.
-
-    Examples:
-        >>> Rules(tc_threshold=0.9, tc_reach=0.95)
-        Traceback (most recent call last):
-        ValueError: tc_reach must be in [0, tc_threshold=0.9], got 0.95
+    With ``window=0, search_window=0, hysteresis=False, nearby=None, shortlist=None``
+    this is the paper's procedure to the letter. The defaults made far better maps in
+    trials, since neighbouring frames vote against single views that look like another
+    place, and what they compare does not grow with the map.
     """
 
+    #: An observation is mapped to a waypoint if its similarity is above it, in [0, 1).
+    #: Calibrate it by the share of views that become waypoints.
     tc_threshold: float
+    #: A waypoint is reached if its similarity is above it, in [0, ``tc_threshold``].
     tc_reach: float
-    edges: EdgeRule = "both"
-    extend_by: ExtendBy = "itself"
-    link_transitions: bool = True
-    window: int = 1
-    search_window: int = 2
+    #: Which clauses of eq. 10 make edges: similarity, succession in time, or both.
+    edges: Literal["both", "reach", "time"] = "both"
+    #: Which view of an episode after the first says what a new waypoint reaches:
+    #: ``"itself"`` (eq. 10) or the ``"previous"`` one (eq. 12).
+    extend_by: Literal["itself", "previous"] = "itself"
+    window: int = 1  # observations on either side that vote
+    search_window: int = 2  # the same in a search among all waypoints
+    #: Of the observations up to so many before and after one found in such a search,
+    #: eight are compared with twice as many waypoints as this, the nearest by edges; 0
+    #: for no such test. Bare walls look alike, the corridors to them do not.
     surroundings: int = 0
-    surroundings_above: float = 0.9
-    hysteresis: bool = True
+    surroundings_above: float = 0.9  # least mean of their best similarities
+    hysteresis: bool = True  # an observation stays at the last waypoint if it can
+    #: How many waypoints around the last one, nearest by edges, are compared before all
+    #: others; ``None`` compares all at once.
     nearby: int | None = 16
+    #: How many waypoints a search compares and links, those whose prepared embeddings
+    #: are nearest; ``None`` for all.
     shortlist: int | None = 32
+    #: Of an edge in a direction in which it was never traversed; else the cost is 1.
+    untraversed_edge_cost: float = 3.0
 
     def __post_init__(self) -> None:
-        self.set_thresholds(self.tc_threshold, self.tc_reach)
-        _check_choice("edges", self.edges, ("both", "reach", "time"))
-        _check_choice("extend_by", self.extend_by, ("itself", "previous"))
-        for name in ("window", "search_window", "surroundings"):
-            if (value := getattr(self, name)) < 0:
-                raise ValueError(f"{name} must be at least 0, got {value}")
+        if not 0 <= self.tc_threshold < 1:
+            raise ValueError(f"tc_threshold must be in [0, 1), got {self.tc_threshold}")
+        if not 0 <= self.tc_reach <= self.tc_threshold:
+            raise ValueError(
+                f"tc_reach must be in [0, tc_threshold={self.tc_threshold:g}], got "
+                f"{self.tc_reach}"
+            )
         if not 0 <= self.surroundings_above < 1:
             raise ValueError(
                 f"surroundings_above must be in [0, 1), got {self.surroundings_above}"
             )
-        for name in ("nearby", "shortlist"):
-            if (value := getattr(self, name)) is not None and value < 1:
-                raise ValueError(f"{name} must be None or at least 1, got {value}")
-
-    def set_thresholds(
-        self, tc_threshold: float | None, tc_reach: float | None
-    ) -> None:
-        """Change thresholds; ``None`` keeps one.
-
-        Raises:
-            ValueError: if one is out of range; both then stay as they were.
-        """
-        threshold = self.tc_threshold if tc_threshold is None else tc_threshold
-        reach = self.tc_reach if tc_reach is None else tc_reach
-        if not 0 <= threshold < 1:
-            raise ValueError(f"tc_threshold must be in [0, 1), got {threshold}")
-        if not 0 <= reach <= threshold:
-            raise ValueError(
-                f"tc_reach must be in [0, tc_threshold={threshold:g}], got {reach}"
-            )
-        self.tc_threshold, self.tc_reach = float(threshold), float(reach)
+        for name, choices in (
+            ("edges", ("both", "reach", "time")),
+            ("extend_by", ("itself", "previous")),
+        ):
+            if (value := getattr(self, name)) not in choices:
+                raise ValueError(f"{name} must be one of {choices}, got {value!r}")
+        _check_least(self, 0, "window", "search_window", "surroundings")
+        _check_least(self, 1, "nearby", "shortlist", "untraversed_edge_cost")
 
     @property
     def by_time(self) -> bool:
-        """Whether successive observations make edges."""
-        return self.edges in ("both", "time")
+        return self.edges != "reach"
 
     @property
     def by_reach(self) -> bool:
-        """Whether similarity makes edges."""
-        return self.edges in ("both", "reach")
-
-    @property
-    def context(self) -> int:
-        """Observations to keep that are decided: they vote on, and extend, the next."""
-        return max(self.lookahead, 1)
+        return self.edges != "time"
 
     @property
     def lookahead(self) -> int:
@@ -87,6 +76,42 @@ class Rules:
         return max(self.window, self.search_window, self.surroundings)
 
 
-def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {choices}, got {value!r}")
+@dataclass(frozen=True, kw_only=True)
+class NavigatorRules:
+    """How an agent finds its place, plans, walks and gives up; see `Navigator`."""
+
+    tc_reach: float  # a view is at a waypoint if its similarity is above it, in [0, 1)
+    #: Edges from the last place within which it looks before it looks everywhere.
+    hops: int = 7
+    #: Waypoints that a view is compared with, those whose embeddings are nearest by
+    #: straight distance, which is far cheaper; ``None`` for all.
+    shortlist: int | None = None
+    #: Waypoints of the path ahead, beside the last place, where it looks first.
+    follow: int = 6
+    lookahead: int = 7  # waypoints of the path to look at for the next target
+    temperature: float = 1.0  # of the softmax; 0 takes the most probable action
+    #: Whether an action that left the view exactly as it was, such as walking against a
+    #: wall, is not drawn again until the view changes.
+    mask_noop_actions: bool = False
+    #: Decisions in which it must come nearer to the goal, or an edge is closed, see
+    #: `Progress`; ``None`` never closes one.
+    block_after: int | None = 40
+    fade_after: int | None = None  # decisions after which a cut opens again
+    #: Decisions at a goal's waypoint after which it is dropped for the episode.
+    goal_patience: int | None = 20
+    lost_for: int = 5  # random actions of an agent that is lost
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.tc_reach < 1:
+            raise ValueError(f"tc_reach must be in [0, 1), got {self.tc_reach}")
+        _check_least(self, 0, "follow", "temperature")
+        _check_least(self, 1, "hops", "shortlist", "lookahead", "fade_after")
+        _check_least(self, 1, "goal_patience", "lost_for")
+        _check_least(self, 2, "block_after")
+
+
+def _check_least(rules: object, least: int, *names: str) -> None:
+    for name in names:
+        value = getattr(rules, name)
+        if value is not None and not value >= least:
+            raise ValueError(f"{name} must be at least {least}, got {value}")

@@ -1,11 +1,9 @@
-"""`Waypoints`: the views of a map, embedded, and how alike others are to them."""
+"""`Waypoints`: the views of a map, embedded, and how similar others are to them."""
 
 from collections.abc import Callable
 
 import torch
 from torch import Tensor
-
-from toponav.graph.grown_rows import GrownRows
 
 Embed = Callable[[Tensor], Tensor]
 Compare = Callable[[Tensor, Tensor], Tensor]
@@ -16,26 +14,46 @@ _PAIRS = 8192
 _ROUNDING = 1e-3
 
 
+class RowBuffer:
+    """Rows ``[N, ...]`` of one kind; more are appended in amortised constant time."""
+
+    def __init__(self, rows: Tensor | None = None) -> None:
+        self._buffer = torch.empty(0) if rows is None else rows.clone()
+        self._length = len(self._buffer)
+
+    def __len__(self) -> int:
+        return self._length
+
+    @property
+    def values(self) -> Tensor:
+        """All rows, ``[N, ...]``: a view that the next `append` may invalidate."""
+        return self._buffer[: self._length]
+
+    def append(self, rows: Tensor) -> None:
+        """Add rows ``[A, ...]`` of the shape and dtype of the others."""
+        if not self._length:
+            self._buffer = rows.new_empty(0, *rows.shape[1:])
+        kind = (rows.shape[1:], rows.dtype)
+        if kind != (self._buffer.shape[1:], self._buffer.dtype):
+            raise ValueError(
+                f"rows must be {self._buffer.dtype} {list(self._buffer.shape[1:])} as "
+                f"those before, got {rows.dtype} {list(rows.shape[1:])}"
+            )
+        length = self._length + len(rows)
+        if length > len(self._buffer):
+            capacity = max(length, 2 * len(self._buffer), 8)
+            larger = self._buffer.new_empty(capacity, *self._buffer.shape[1:])
+            larger[: self._length] = self.values
+            self._buffer = larger
+        self._buffer[self._length : length] = rows
+        self._length = length
+
+
 class Waypoints:
-    """Embeddings, views and origins of waypoints 0 to W - 1.
+    """Embeddings, views and origins of waypoints 0 to W - 1, kept on the CPU.
 
-    The networks are callables and stay their owner's; they must be in ``eval()``
-    mode. Everything is kept on the CPU: callables that compute elsewhere fetch and
-    bring back.
-
-    Args:
-        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
-        compare: embeddings ``[N, D]`` and memory ``[N, M, P]`` to similarities
-            ``[N, M]`` in [0, 1].
-        prepare: embeddings ``[N, M, D]`` to entries of the memory ``[N, M, P]``;
-            ``None`` keeps the embeddings, ``P = D``.
-
-    Raises:
-        ValueError: from the methods, if an embedding is not finite or a similarity not
-            in [0, 1].
-
-    Shape notation:
-        W: waypoints.  N: any number.  D: embedding.  M: memory.  P: prepared entry.
+    Its arguments are those of `TopologicalMap`. The methods raise ``ValueError`` if an
+    embedding is not finite or a similarity not in [0, 1].
     """
 
     def __init__(
@@ -44,22 +62,20 @@ class Waypoints:
         self._embed = embed
         self._compare = compare
         self._prepare = prepare
-        self._embeddings = GrownRows()
-        self._prepared = GrownRows()
-        self._images = GrownRows()
-        self._origins = GrownRows(torch.empty(0, 2, dtype=torch.int64))
+        self._embeddings = RowBuffer()
+        self._prepared = RowBuffer()
+        self._images = RowBuffer()
+        self._origins = RowBuffer(torch.empty(0, 2, dtype=torch.int64))
 
     def __len__(self) -> int:
         return len(self._origins)
 
     @property
     def embeddings(self) -> Tensor:
-        """float32 ``[W, D]``."""
         return self._embeddings.values
 
     @property
     def prepared(self) -> Tensor:
-        """float32 ``[W, P]``."""
         return self._prepared.values
 
     @property
@@ -69,20 +85,11 @@ class Waypoints:
 
     @property
     def origins(self) -> Tensor:
-        """int64 ``[W, 2]``: environment, and observations that it had made before."""
+        """int64 ``[W, 2]``: environment, and number of its observations before."""
         return self._origins.values
 
     def add(self, embedding: Tensor, image: Tensor | None, origin: Tensor) -> int:
-        """Add one waypoint; its number.
-
-        Args:
-            embedding: ``[D]``.
-            image: its view ``[H, W, C]``, for all waypoints or for none.
-            origin: int64 ``[2]``, see ``origins``.
-
-        Raises:
-            ValueError: if others have a view and this one has none, or the reverse.
-        """
+        """Add a waypoint of embedding ``[D]`` and, for all or for none, a view."""
         number = len(self)
         if number and (image is None) != (len(self._images) == 0):
             raise ValueError(
@@ -98,44 +105,37 @@ class Waypoints:
         return number
 
     def keep(self, kept: Tensor) -> None:
-        """Forget all waypoints but some.
-
-        Args:
-            kept: int64 ``[W']``, those that stay, in their new order.
-        """
+        """Remove all waypoints but those with numbers ``kept``, int64 ``[W']``."""
         for name in ("_embeddings", "_prepared", "_images", "_origins"):
-            rows: GrownRows = getattr(self, name)
-            setattr(self, name, GrownRows(rows.values[kept]) if len(rows) else rows)
+            rows: RowBuffer = getattr(self, name)
+            setattr(self, name, RowBuffer(rows.values[kept]) if len(rows) else rows)
 
     def restore(
         self, embeddings: Tensor, prepared: Tensor, images: Tensor, origins: Tensor
     ) -> None:
         """Replace all waypoints by those of the properties of the same names."""
-        self._embeddings, self._prepared = GrownRows(embeddings), GrownRows(prepared)
-        self._images, self._origins = GrownRows(images), GrownRows(origins)
+        self._embeddings, self._prepared = RowBuffer(embeddings), RowBuffer(prepared)
+        self._images, self._origins = RowBuffer(images), RowBuffer(origins)
 
     @torch.no_grad()
     def embed(self, views: Tensor, *, chunk: int = 64) -> Tensor:
         """Embeddings of views ``[N, H, W, C]``, float32 ``[N, D]``."""
-        parts = [self._embed(some).float() for some in views.split(chunk)]
-        embeddings = torch.cat(parts)
+        embeddings = torch.cat(
+            [self._embed(some).float() for some in views.split(chunk)]
+        )
         check_finite(embeddings)
         return embeddings
 
     @torch.no_grad()
     def refresh(self) -> None:
-        """Embed all views anew, after the networks' weights changed.
-
-        Raises:
-            ValueError: if there are waypoints and the views were not given.
-        """
+        """Embed all views again, after the networks' weights changed."""
         if not len(self):
             return
         if not len(self._images):
             raise ValueError("views must have been given to refresh a map, got none")
         embeddings = self.embed(self.images)
-        self._embeddings = GrownRows(embeddings)
-        self._prepared = GrownRows(self.entries(embeddings))
+        self._embeddings = RowBuffer(embeddings)
+        self._prepared = RowBuffer(self.entries(embeddings))
 
     def entries(self, embeddings: Tensor) -> Tensor:
         """What is kept of embeddings ``[N, D]`` for comparisons, ``[N, P]``."""
@@ -146,23 +146,13 @@ class Waypoints:
 
     @torch.no_grad()
     def compare(self, embeddings: Tensor, prepared: Tensor) -> Tensor:
-        """Compare in calls of bounded size.
+        """Compare ``[N, D]`` with ``[N, M, P]`` in calls of bounded size.
 
-        Args:
-            embeddings: ``[N, D]``.
-            prepared: ``[N, M, P]``; an expanded view of one memory is not copied.
-
-        Returns:
-            float32 ``[N, M]`` in [0, 1].
+        An expanded view of one memory is not copied.
         """
         rows = max(_PAIRS // max(prepared.shape[1], 1), 1)
-        parts = [
-            self._compare(one, many).float()
-            for one, many in zip(
-                embeddings.split(rows), prepared.split(rows), strict=True
-            )
-        ]
-        found = torch.cat(parts)
+        chunks = zip(embeddings.split(rows), prepared.split(rows), strict=True)
+        found = torch.cat([self._compare(one, many).float() for one, many in chunks])
         if found.numel():
             low, high = (float(end) for end in found.aminmax())
             # A comparison with NaN is false.
@@ -174,38 +164,23 @@ class Waypoints:
         return found.clamp_(0.0, 1.0)
 
     def similarities(self, embeddings: Tensor, nodes: Tensor | None = None) -> Tensor:
-        """How alike each of N views is to all waypoints, or to some.
-
-        Args:
-            embeddings: ``[N, D]``.
-            nodes: int64 ``[A]``, numbers of waypoints; ``None`` for all.
-
-        Returns:
-            float32 ``[N, W]`` or ``[N, A]``.
-        """
+        """Similarity of views ``[N, D]`` to nodes ``[A]``, or all; ``[N, A]``."""
         prepared = self.prepared if nodes is None else self.prepared[nodes]
         if not len(prepared):
             return embeddings.new_zeros(len(embeddings), 0)
         return self.compare(embeddings, prepared.expand(len(embeddings), -1, -1))
 
-    def alike(self, embedding: Tensor, most: int | None) -> Tensor:
-        """The waypoints whose entries are nearest to a view's, by straight distance.
+    def shortlist(self, embedding: Tensor, most: int | None) -> Tensor:
+        """The ``most`` waypoints whose entries are nearest to that of a view ``[D]``.
 
         Far cheaper than comparing, and a good guess: of 250 views in a map of 1,600,
         the most similar waypoint was among the nearest 32 each time.
-
-        Args:
-            embedding: of the view, ``[D]``.
-            most: how many; ``None`` for all waypoints.
-
-        Returns:
-            int64 ``[A]``, numbers of waypoints, in order.
         """
         if most is None or most >= len(self):
             return torch.arange(len(self))
         entry = self.entries(embedding.unsqueeze(0))
-        away = (self.prepared - entry).square_().sum(-1)
-        return away.topk(most, largest=False, sorted=False).indices.sort().values
+        distance = (self.prepared - entry).square_().sum(-1)
+        return distance.topk(most, largest=False, sorted=False).indices.sort().values
 
     def pair_similarities(self, one: Tensor, other: Tensor) -> Tensor:
         """Similarity of waypoints ``one`` to waypoints ``other``, ``[A]`` each."""
@@ -216,11 +191,7 @@ class Waypoints:
 
 
 def check_finite(embeddings: Tensor) -> None:
-    """Refuse embeddings that would silently count as new places.
-
-    Raises:
-        ValueError: if one is NaN or infinite.
-    """
+    """Raise ``ValueError`` for embeddings that would silently become new waypoints."""
     if not bool(embeddings.sum().isfinite()):
         broken = int((~embeddings.isfinite()).any(-1).sum())
         raise ValueError(

@@ -7,7 +7,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
-from torchrl.data import Unbounded
+from torchrl.data import Composite, OneHot, Unbounded
 from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
@@ -32,85 +32,77 @@ NEXT_HIDDEN: NestedKey = ("next", *HIDDEN)
 NEXT_MEMORY_CELL: NestedKey = ("next", *MEMORY_CELL)
 
 
+class RecurrentStatePrimer(TensorDictPrimer):
+    """Start an `ActorCritic`'s state at zero, in an env of the same actions only."""
+
+    def __init__(self, hidden_dim: int, *, num_actions: int, one_hot: bool) -> None:
+        state = Unbounded((hidden_dim,))
+        super().__init__({HIDDEN: state, MEMORY_CELL: state.clone()}, expand_specs=True)
+        self.num_actions = num_actions
+        self.one_hot = one_hot
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        spec = self.parent.full_action_spec[ACTION]
+        num_actions = getattr(spec.space, "n", None)
+        if num_actions != self.num_actions:
+            raise ValueError(
+                f"num_actions must be that of the env, {num_actions}, got "
+                f"{self.num_actions}."
+            )
+        if isinstance(spec, OneHot) != self.one_hot:
+            raise ValueError(
+                f"one_hot must be {not self.one_hot} for the env's actions, "
+                f"{type(spec).__name__}, got {self.one_hot}."
+            )
+        return super().transform_observation_spec(observation_spec)
+
+
 class ActorCritic(TensorDictModuleBase):
     """Choose actions and judge states from views, with a memory.
 
-    A trunk encodes the view, an LSTM reads the code, the previous action (one-hot, with
-    one place more for "none") and the previous reward, and two linear heads give the
-    logits of the actions and the state's value.
-
-    There are three ways in. Calling the module makes one decision for a batch of envs,
-    as collectors want it; everything runs in one pass, because a stack of TorchRL
-    modules costs twice as much here. `unroll` recomputes a slice of experience with
-    gradients, the trunk once over all views, then the LSTM over time. `next_values`
-    judges the states that decisions led to, for bootstrapping.
-
-    The LSTM's state travels in the tensordict: put `make_tensordict_primer` and
-    TorchRL's ``InitTracker`` into the env, and it is carried from decision to decision
-    and from batch to batch, and starts from zero with every episode.
-
-    ``set_exploration_type`` is honoured: actions are sampled unless it asks for a
-    deterministic policy, which takes the most probable action.
+    An LSTM reads a trunk's code of the view, the previous action (one-hot, one place
+    more for "none") and the previous reward; two linear heads give logits and value.
+    Calling the module makes one decision for a batch of envs; ``set_exploration_type``
+    is honoured. Put `make_tensordict_primer` and TorchRL's ``InitTracker`` into the
+    env.
 
     Reference:
-        The paper, "Learning model"; the sizes are those of Jaderberg et al.,
-        "Reinforcement Learning with Unsupervised Auxiliary Tasks" (2016).
+        The paper, "Learning model"; sizes of Jaderberg et al., "Reinforcement Learning
+        with Unsupervised Auxiliary Tasks" (2016).
 
     Args:
-        input: ``"pixels"`` for views of the policy, encoded by a `PixelTrunk`;
-            ``"embedding"`` for ready embeddings, encoded by an `EmbeddingTrunk`.
+        num_actions: number A of actions, at least 2.
+        input: ``"pixels"`` for a `PixelTrunk`, ``"embedding"`` for an `EmbeddingTrunk`.
         embedding_dim: length of the embedding; needed for it, not used for pixels.
-        image_size: height and width of the views in pixels.
-        num_actions: number A of actions.
-        code_dim: length of the trunk's code.
-        hidden_dim: length H of the LSTM's state.
+        image_size: height and width of the policy's views in pixels.
+        code_dim, hidden_dim: lengths of the trunk's code and, H, of the LSTM's state.
         view_key: where the view is, ``policy_pixels`` or ``embedding`` unless given.
-
-    Raises:
-        ValueError: if ``input`` is another word, ``num_actions`` is below 2, or an
-            embedding comes without its length.
-        KeyError: from a call, if the tensordict has no state of the LSTM.
+        one_hot: write actions as int64 ``[*B, A]`` instead of ``[*B]``.
 
     Examples:
-        >>> policy = ActorCritic(input="embedding", embedding_dim=8, num_actions=6)
-        >>> decision = TensorDict(
-        ...     {
-        ...         "embedding": torch.zeros(4, 8),
-        ...         "previous_action": torch.full((4, 1), 6),  # none yet
-        ...         "previous_reward": torch.zeros(4, 1),
-        ...         "is_init": torch.ones(4, 1, dtype=torch.bool),
-        ...         "recurrent_state": policy.initial_state(4),
-        ...     },
-        ...     [4],
-        ... )
-        >>> policy(decision)["action"].shape
-        torch.Size([4])
-        >>> policy.unroll(decision.unsqueeze(-1))["logits"].shape
-        torch.Size([4, 1, 6])
-
-    Shape notation:
-        B: batch of envs.  T: decisions in a slice.  A: actions.  H: LSTM state.
+        >>> policy = ActorCritic(num_actions=4, input="embedding", embedding_dim=8)
+        >>> views = {"embedding": torch.zeros(5, 8), "is_init": torch.ones(5, 1).bool()}
+        >>> views["previous_action"] = torch.full((5, 1), 4)  # none yet
+        >>> views["previous_reward"] = torch.zeros(5, 1)
+        >>> views["recurrent_state"] = policy.initial_state(5)
+        >>> policy(TensorDict(views, [5]))["action"].shape
+        torch.Size([5])
     """
 
-    out_keys = [
-        ACTION,
-        ACTION_LOG_PROB,
-        LOGITS,
-        STATE_VALUE,
-        NEXT_HIDDEN,
-        NEXT_MEMORY_CELL,
-    ]
+    out_keys = [ACTION, ACTION_LOG_PROB, LOGITS, STATE_VALUE]
+    out_keys += [NEXT_HIDDEN, NEXT_MEMORY_CELL]
 
     def __init__(
         self,
         *,
+        num_actions: int,
         input: Input = "pixels",
         embedding_dim: int | None = None,
         image_size: tuple[int, int] = (84, 84),
-        num_actions: int = 6,
         code_dim: int = 256,
         hidden_dim: int = 256,
         view_key: NestedKey | None = None,
+        one_hot: bool = False,
     ) -> None:
         super().__init__()
         if input not in get_args(Input):
@@ -119,6 +111,7 @@ class ActorCritic(TensorDictModuleBase):
             raise ValueError(f"num_actions must be at least 2, got {num_actions}.")
         self.num_actions = num_actions
         self.hidden_dim = hidden_dim
+        self.one_hot = one_hot
         self.trunk: nn.Module
         if input == "pixels":
             self.trunk = PixelTrunk(code_dim, image_size=image_size)
@@ -134,20 +127,12 @@ class ActorCritic(TensorDictModuleBase):
         # Small logits: the first policy is close to uniform whatever it sees.
         start_orthogonal(self.actor, gain=0.01)
         start_orthogonal(self.critic, gain=1.0)
-        self.in_keys = [
-            self.view_key,
-            PREVIOUS_ACTION,
-            PREVIOUS_REWARD,
-            IS_INIT,
-            HIDDEN,
-            MEMORY_CELL,
-        ]
+        self.in_keys = [self.view_key, PREVIOUS_ACTION, PREVIOUS_REWARD, IS_INIT]
+        self.in_keys += [HIDDEN, MEMORY_CELL]
 
-    def make_tensordict_primer(self) -> TensorDictPrimer:
-        """The transform that starts the LSTM's state at zero when an env resets."""
-        state = Unbounded((self.hidden_dim,))
-        return TensorDictPrimer(
-            {HIDDEN: state, MEMORY_CELL: state.clone()}, expand_specs=True
+    def make_tensordict_primer(self) -> RecurrentStatePrimer:
+        return RecurrentStatePrimer(
+            self.hidden_dim, num_actions=self.num_actions, one_hot=self.one_hot
         )
 
     def initial_state(self, *batch_size: int) -> TensorDict:
@@ -159,16 +144,12 @@ class ActorCritic(TensorDictModuleBase):
         )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Decide for every env of the batch; the results are written into it.
-
-        Args:
-            tensordict: ``[*B]`` with ``in_keys``.
-
-        Returns:
-            The tensordict with ``out_keys``.
-        """
         shape = tensordict.batch_size
-        hidden, cell = self._step(tensordict)
+        inputs = self._lstm_inputs(tensordict)
+        inputs = inputs.reshape(-1, inputs.shape[-1])
+        state = self._state(tensordict)
+        is_init = tensordict.get(IS_INIT).reshape(-1)
+        hidden, cell = self.lstm.step(inputs, state, is_init)
         logits = self.actor(hidden)
         log_probs = F.log_softmax(logits.float(), -1)
         if exploration_type() in (None, ExplorationType.RANDOM):
@@ -176,7 +157,10 @@ class ActorCritic(TensorDictModuleBase):
         else:
             action = log_probs.argmax(-1, keepdim=True)
         log_prob = log_probs.gather(-1, action)
-        tensordict.set(ACTION, action.reshape(shape))
+        action = action.reshape(shape)
+        if self.one_hot:
+            action = F.one_hot(action, self.num_actions)
+        tensordict.set(ACTION, action)
         tensordict.set(ACTION_LOG_PROB, log_prob.reshape(shape))
         tensordict.set(LOGITS, logits.reshape(*shape, -1))
         tensordict.set(STATE_VALUE, self.critic(hidden).reshape(*shape, 1))
@@ -185,30 +169,13 @@ class ActorCritic(TensorDictModuleBase):
         return tensordict
 
     def unroll(self, tensordict: TensorDictBase) -> TensorDict:
-        """Recompute a slice of experience, with gradients through time.
-
-        Starts from the state stored with the slice's first decision; states stored
-        with later ones are not read.
-
-        Args:
-            tensordict: ``[*B, T]`` with ``in_keys``, time last; it is left alone.
-
-        Returns:
-            A new tensordict ``[*B, T]`` with ``logits``, ``state_value`` and
-            ``("next", hidden)``, the LSTM's outputs from which the heads computed them.
-        """
+        """Logits and values of a slice ``[*B, T]``, from its first decision's state."""
         outputs = self.unroll_lstm(tensordict)
-        return TensorDict(
-            {
-                LOGITS: self.actor(outputs),
-                STATE_VALUE: self.critic(outputs),
-                NEXT_HIDDEN: outputs,
-            },
-            tensordict.batch_size,
-        )
+        results = {LOGITS: self.actor(outputs), STATE_VALUE: self.critic(outputs)}
+        return TensorDict({**results, NEXT_HIDDEN: outputs}, tensordict.batch_size)
 
     def unroll_lstm(self, tensordict: TensorDictBase) -> Tensor:
-        """`unroll` without the heads: the LSTM's outputs, ``[*B, T, H]``."""
+        """The LSTM's outputs over a slice, ``[*B, T, H]``."""
         shape = tensordict.batch_size
         inputs = self._lstm_inputs(tensordict)
         state = self._state(tensordict[..., 0].select(HIDDEN, MEMORY_CELL))
@@ -219,16 +186,7 @@ class ActorCritic(TensorDictModuleBase):
 
     @torch.no_grad()
     def next_values(self, tensordict: TensorDictBase) -> Tensor:
-        """Judge the states that decisions led to, without gradients.
-
-        Args:
-            tensordict: ``[*B]`` decisions whose ``"next"`` entry has the view, the
-                previous action and reward, and the LSTM's state after the decision. At
-                an episode's end that is the episode's own last view.
-
-        Returns:
-            ``[*B, 1]``.
-        """
+        """Values ``[*B, 1]`` of the states under ``"next"``, without gradients."""
         following = tensordict.get("next")
         inputs = self._lstm_inputs(following)
         inputs = inputs.reshape(-1, inputs.shape[-1])
@@ -236,14 +194,6 @@ class ActorCritic(TensorDictModuleBase):
         hidden, _ = self.lstm.step(inputs, self._state(following), is_init)
         value: Tensor = self.critic(hidden)
         return value.reshape(*tensordict.batch_size, 1)
-
-    def _step(self, tensordict: TensorDictBase) -> State:
-        inputs = self._lstm_inputs(tensordict)
-        return self.lstm.step(
-            inputs.reshape(-1, inputs.shape[-1]),
-            self._state(tensordict),
-            tensordict.get(IS_INIT).reshape(-1),
-        )
 
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
         code: Tensor = self.trunk(tensordict.get(self.view_key))

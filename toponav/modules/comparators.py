@@ -15,14 +15,13 @@ class Comparator(Protocol):
         """One logit per pair: ``[*B, D]`` and ``[*B, D]`` to ``[*B]``."""
 
     def prepare(self, memory: Tensor) -> Tensor:
-        """The memory's half of the work: ``[*B, M, D]`` to ``[*B, M, P]``."""
+        """What depends on the memory alone: ``[*B, M, D]`` to ``[*B, M, P]``."""
 
     def compare(self, embedding: Tensor, prepared: Tensor) -> Tensor:
         """The rest: ``[*B, D]`` and ``[*B, M, P]`` to logits ``[*B, M]``."""
 
 
 def _layers(widths: Sequence[int]) -> nn.Sequential:
-    """Linear layers with a ReLU before each, ending in one logit."""
     layers: list[nn.Module] = []
     for width, next_width in zip(widths, [*widths[1:], 1], strict=True):
         layers += [nn.ReLU(), nn.Linear(width, next_width)]
@@ -37,30 +36,15 @@ def _check_hidden(hidden: Sequence[int]) -> None:
 class ConcatComparator(nn.Module):
     """Compare two embeddings by a perceptron on their concatenation, as in the paper.
 
-    The first layer is split, ``W [a; b] + c = Wa a + (Wb b + c)``, which is exact and
-    lets a memory's half be computed once: 1.57 instead of 2.62 MFLOP per pair at 512
-    wide. Not symmetric by construction; training swaps pairs at random.
+    The first layer is split, so that a memory's half is computed once. Not symmetric;
+    training swaps pairs at random.
 
     Reference:
         The paper, phi_C of eq. 5: four hidden layers of 512 with ReLU.
 
     Args:
         embedding_dim: length D of the embeddings.
-        hidden: widths of the hidden layers.
-
-    Raises:
-        ValueError: if ``hidden`` is empty or holds a width below 1.
-
-    Examples:
-        >>> comparator = ConcatComparator(8, hidden=(16, 16))
-        >>> comparator(torch.zeros(5, 8), torch.zeros(5, 8)).shape
-        torch.Size([5])
-        >>> prepared = comparator.prepare(torch.zeros(2, 30, 8))
-        >>> comparator.compare(torch.zeros(2, 8), prepared).shape
-        torch.Size([2, 30])
-
-    Shape notation:
-        B: any batch dimensions.  M: memory.  D: embedding.
+        hidden: widths of the hidden layers, at least one, each at least 1.
     """
 
     def __init__(
@@ -68,23 +52,20 @@ class ConcatComparator(nn.Module):
     ) -> None:
         super().__init__()
         _check_hidden(hidden)
-        # One weight over the concatenation, so that the initial scale is the
-        # paper's; its two halves are views.
+        # One weight over the concatenation has the paper's initial scale; its two
+        # halves are views.
         self.first = nn.Linear(2 * embedding_dim, hidden[0])
         self.rest = _layers(hidden)
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
-        """One logit per pair: ``[*B, D]`` and ``[*B, D]`` to ``[*B]``."""
         logit: Tensor = self.rest(self.first(torch.cat([anchor, other], dim=-1)))
         return logit.squeeze(-1)
 
     def prepare(self, memory: Tensor) -> Tensor:
-        """The memory's half of the first layer: ``[*B, M, D]`` to ``[*B, M, P]``."""
         _, half = self.first.weight.chunk(2, dim=1)
         return F.linear(memory, half, self.first.bias)
 
     def compare(self, embedding: Tensor, prepared: Tensor) -> Tensor:
-        """The rest: ``[*B, D]`` and ``[*B, M, P]`` to logits ``[*B, M]``."""
         half, _ = self.first.weight.chunk(2, dim=1)
         first = F.linear(embedding, half).unsqueeze(-2) + prepared
         logit: Tensor = self.rest(first)
@@ -92,27 +73,18 @@ class ConcatComparator(nn.Module):
 
 
 class DifferenceComparator(nn.Module):
-    """Compare two embeddings by the absolute difference and product of projections.
-
-    ``f([|Pa - Pb|; Pa * Pb])``: symmetric by construction, and a far better detector
-    of places than the concatenation in our trials. A memory's half is its projection.
+    """Compare embeddings symmetrically, ``f([|Pa - Pb|; Pa * Pb])`` of projections P.
 
     Args:
         embedding_dim: length D of the embeddings.
         projection_dim: length of the projections.
-        hidden: widths of the hidden layers after them.
-
-    Raises:
-        ValueError: if ``hidden`` is empty or holds a width below 1.
+        hidden: widths of the hidden layers, at least one, each at least 1.
 
     Examples:
         >>> comparator = DifferenceComparator(8, projection_dim=4, hidden=(16,))
         >>> a, b = torch.randn(2, 5, 8)
         >>> torch.equal(comparator(a, b), comparator(b, a))
         True
-
-    Shape notation:
-        B: any batch dimensions.  M: memory.  D: embedding.
     """
 
     def __init__(
@@ -129,16 +101,13 @@ class DifferenceComparator(nn.Module):
         self.rest = _layers(hidden)
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
-        """One logit per pair: ``[*B, D]`` and ``[*B, D]`` to ``[*B]``."""
         return self._score(self.project(anchor), self.project(other))
 
     def prepare(self, memory: Tensor) -> Tensor:
-        """The memory's projection: ``[*B, M, D]`` to ``[*B, M, P]``."""
         projection: Tensor = self.project(memory)
         return projection
 
     def compare(self, embedding: Tensor, prepared: Tensor) -> Tensor:
-        """The rest: ``[*B, D]`` and ``[*B, M, P]`` to logits ``[*B, M]``."""
         return self._score(self.project(embedding).unsqueeze(-2), prepared)
 
     def _score(self, anchor: Tensor, other: Tensor) -> Tensor:

@@ -10,20 +10,13 @@ State = tuple[Tensor, Tensor]
 
 
 class EpisodicLSTM(nn.Module):
-    """One LSTM layer over slices of experience in which episodes may begin.
+    """One LSTM layer over slices, its state zeroed where ``is_init`` is set.
 
-    Acting calls `step`, one decision at a time; training calls the module on a whole
-    slice. Both zero the state where ``is_init`` is set. A slice is cut at the decisions
-    at which any of its rows begins an episode, and each piece runs through torch's
-    fused kernel: one piece when no episode begins inside, which is the usual case, and
-    2.5 times faster with its gradient than a loop over the decisions.
+    Acting calls `step`, training the module, which splits a slice where any of its rows
+    begins an episode: each piece runs through torch's fused kernel.
 
     Args:
-        input_dim: length D of the inputs.
-        hidden_dim: length H of the state.
-
-    Raises:
-        ValueError: if a length is below 1.
+        input_dim, hidden_dim: lengths D of the inputs and H of the state, at least 1.
 
     Examples:
         >>> lstm = EpisodicLSTM(8, 16)
@@ -32,9 +25,6 @@ class EpisodicLSTM(nn.Module):
         >>> outputs, state = lstm(torch.zeros(4, 20, 8), state, is_init)
         >>> outputs.shape, state[0].shape
         (torch.Size([4, 20, 16]), torch.Size([4, 16]))
-
-    Shape notation:
-        N: rows.  T: decisions in the slice.  D: inputs.  H: state.
     """
 
     def __init__(self, input_dim: int, hidden_dim: int = 256) -> None:
@@ -48,16 +38,7 @@ class EpisodicLSTM(nn.Module):
         self.lstm = nn.LSTM(input_dim, hidden_dim, batch_first=True)
 
     def step(self, inputs: Tensor, state: State, is_init: Tensor) -> State:
-        """One decision.
-
-        Args:
-            inputs: ``[N, D]``.
-            state: hidden and cell state before it, each ``[N, H]``.
-            is_init: bool ``[N]``; the rows that begin an episode.
-
-        Returns:
-            Hidden and cell state after it; the hidden state is the output.
-        """
+        """One decision: ``[N, D]``, the state before it, ``[N]`` to the state after."""
         # Its order: weights of the inputs and the state, biases of both.
         (weights,) = self.lstm.all_weights
         hidden, cell = torch.lstm_cell(inputs, _restart(state, is_init), *weights)
@@ -66,17 +47,7 @@ class EpisodicLSTM(nn.Module):
     def forward(
         self, inputs: Tensor, state: State, is_init: Tensor
     ) -> tuple[Tensor, State]:
-        """A slice of decisions.
-
-        Args:
-            inputs: ``[N, T, D]``.
-            state: hidden and cell state before the slice, each ``[N, H]``.
-            is_init: bool ``[N, T]``; where an episode begins.
-
-        Returns:
-            The hidden states after each decision, ``[N, T, H]``, and both states after
-            the slice.
-        """
+        """Outputs ``[N, T, H]`` of a slice, ``[N, T, D]``, and the state after it."""
         inner = is_init[:, 1:].any(0).nonzero().flatten().add(1).tolist()
         bounds = [0, *inner, inputs.shape[1]]
         outputs = []
@@ -91,6 +62,6 @@ class EpisodicLSTM(nn.Module):
 
 
 def _restart(state: State, is_init: Tensor) -> State:
-    # Filled, not multiplied: a NaN of the last episode must not live on.
+    # Filled, not multiplied: a NaN of the last episode must not survive.
     rows = is_init.unsqueeze(-1)
     return state[0].masked_fill(rows, 0), state[1].masked_fill(rows, 0)

@@ -12,27 +12,16 @@ class LocomotionHead(nn.Module):
 
     Args:
         embedding_dim: length D of the embeddings.
-        hidden: widths of the hidden layers.
-        num_actions: number A of actions.
-
-    Raises:
-        ValueError: if ``hidden`` holds a width below 1, or ``num_actions < 2``.
-
-    Examples:
-        >>> head = LocomotionHead(8, hidden=(16,))
-        >>> head(torch.zeros(5, 8), torch.zeros(5, 8)).shape
-        torch.Size([5, 6])
-
-    Shape notation:
-        B: any batch dimensions.  D: embedding.  A: actions.
+        num_actions: number A of actions, at least 2.
+        hidden: widths of the hidden layers, each at least 1.
     """
 
     def __init__(
         self,
         embedding_dim: int = 512,
         *,
+        num_actions: int,
         hidden: Sequence[int] = (512, 512),
-        num_actions: int = 6,
     ) -> None:
         super().__init__()
         if min(hidden, default=1) < 1:
@@ -43,6 +32,7 @@ class LocomotionHead(nn.Module):
         layers: list[nn.Module] = []
         for width, next_width in pairwise(widths):
             layers += [nn.Linear(width, next_width), nn.ReLU()]
+        self.num_actions = num_actions
         self.layers = nn.Sequential(*layers, nn.Linear(widths[-1], num_actions))
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
@@ -52,34 +42,17 @@ class LocomotionHead(nn.Module):
 
 
 class LNetwork(nn.Module):
-    """Predict the action at ``o_i`` that leads to ``o_j`` some decisions later.
+    """Logits of the action at ``o_i`` that leads to ``o_j`` some decisions later.
 
-    ``P = phi_I(phi_F(o_i), phi_F(o_j))``: one encoder for both views, then the head.
-    Hand in the encoder of a `TCNetwork` to share it; on ready embeddings call
-    ``network.head``. The softmax is left to the loss and to whoever acts.
-
-    As a TensorDictModule: ``in_keys=["anchor", "other"], out_keys=["logits"]``, for
-    the network on views and for ``network.head`` on embeddings alike.
+    Give it the encoder of a `TCNetwork` to share it; call ``network.head`` on
+    embeddings that exist already.
 
     Reference:
         The paper, "Navigation implementation", eqs. 13 and 14.
 
     Args:
-        encoder: ``[*B, H, W, 3]`` to ``[*B, D]``; may be shared with other networks.
+        encoder: ``[*B, H, W, 3]`` to ``[*B, D]``.
         head: two embeddings to logits, see `LocomotionHead`.
-
-    Raises:
-        ValueError: from ``forward``, as the encoder raises it.
-
-    Examples:
-        >>> from toponav.modules import SmallEncoder
-        >>> network = LNetwork(SmallEncoder(64), LocomotionHead(64)).eval()
-        >>> views = torch.zeros(3, 120, 160, 3, dtype=torch.uint8)
-        >>> network(views, views).shape
-        torch.Size([3, 6])
-
-    Shape notation:
-        B: any batch dimensions.  D: embedding.  A: actions.
     """
 
     def __init__(self, encoder: nn.Module, head: LocomotionHead) -> None:

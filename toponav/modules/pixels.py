@@ -1,28 +1,18 @@
-"""`pixels_to_planes`: the environment's images, ready to convolve."""
+"""Images as environments yield them, checked and ready to convolve."""
 
 import torch
 from torch import Tensor
 
 
 def check_pixels(pixels: Tensor, *image_sizes: tuple[int, int]) -> None:
-    """Refuse images that an encoder cannot read, in one sentence.
-
-    Only floats are searched for NaN and infinity: the environment yields uint8, so
-    the look costs nothing where speed counts.
-
-    Args:
-        pixels: ``[*B, H, W, 3]``, uint8 in 0..255 or float in [0, 1].
-        image_sizes: each a height and width in pixels that the encoder can read.
-
-    Raises:
-        ValueError: on another shape or dtype, or if a float image is not finite.
-    """
+    """Raise ValueError unless ``[*B, H, W, 3]``, of such a size, uint8 or float."""
     if tuple(pixels.shape[-3:]) not in [(*size, 3) for size in image_sizes]:
         expected = " or ".join(str([*size, 3]) for size in image_sizes)
         raise ValueError(
             f"pixels must end in the shape {expected} (height, width, RGB), got "
             f"{list(pixels.shape)}."
         )
+    # Environments yield uint8: no search for NaN where speed counts.
     if pixels.dtype == torch.uint8:
         return
     if not pixels.is_floating_point():
@@ -34,13 +24,7 @@ def check_pixels(pixels: Tensor, *image_sizes: tuple[int, int]) -> None:
 
 
 def compute_dtype(weight: Tensor) -> torch.dtype:
-    """The dtype in which a layer with this weight will compute: autocast's, or its own.
-
-    Going from uint8 straight to that dtype saves a float32 copy of every image.
-
-    Args:
-        weight: the layer's weight.
-    """
+    """The dtype in which a layer computes: autocast's, or that of its weight."""
     device = weight.device.type
     if torch.is_autocast_enabled(device):
         return torch.get_autocast_dtype(device)
@@ -48,27 +32,14 @@ def compute_dtype(weight: Tensor) -> torch.dtype:
 
 
 def pixels_to_planes(pixels: Tensor, dtype: torch.dtype) -> Tensor:
-    """Scale images to [0, 1] and view them as channel planes.
-
-    The environment's height, width, RGB layout *is* torch's ``channels_last`` order,
-    so no pixel moves: one conversion, one product, on the device of the pixels.
-
-    Args:
-        pixels: ``[N, H, W, 3]``, uint8 in 0..255 or float in [0, 1].
-        dtype: the dtype to compute in.
-
-    Returns:
-        ``[N, 3, H, W]`` of ``dtype``, in ``channels_last`` memory order.
-
-    Examples:
-        >>> image = torch.full((1, 4, 6, 3), 255, dtype=torch.uint8)
-        >>> planes = pixels_to_planes(image, torch.float32)
-        >>> planes.shape, planes.max().item()
-        (torch.Size([1, 3, 4, 6]), 1.0)
-        >>> planes.is_contiguous(memory_format=torch.channels_last)
-        True
-    """
+    """Scale ``[N, H, W, 3]`` to [0, 1], seen as ``[N, 3, H, W]``: no pixel moves."""
     planes = pixels.permute(0, 3, 1, 2)
     if pixels.dtype == torch.uint8:
         return planes.to(dtype) / 255
     return planes.to(dtype)
+
+
+def use_channels_last(layer: torch.nn.Conv2d) -> torch.nn.Conv2d:
+    """Store a convolution's weight in the memory order of `pixels_to_planes`."""
+    layer.weight.data = layer.weight.data.contiguous(memory_format=torch.channels_last)
+    return layer

@@ -6,28 +6,18 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-from toponav.modules.pixels import check_pixels, compute_dtype
+from toponav.modules.pixels import check_pixels, compute_dtype, use_channels_last
 
 
 def start_orthogonal(layer: nn.Linear | nn.Conv2d, gain: float = math.sqrt(2)) -> None:
-    """Give a layer orthogonal weights and no bias.
-
-    Args:
-        layer: with a weight and a bias.
-        gain: scale of the weights; the square root of 2 suits a ReLU after the layer.
-    """
+    """Give a layer orthogonal weights, by default for a ReLU after it, and no bias."""
     nn.init.orthogonal_(layer.weight, gain)
     if layer.bias is not None:
         nn.init.zeros_(layer.bias)
 
 
 class PixelTrunk(nn.Module):
-    """Encode small views with two convolutions and a linear layer.
-
-    16 channels of 8x8 with stride 4, 32 of 4x4 with stride 2, then ``code_dim``, a ReLU
-    after each. uint8 images become floats in one pass: the scale of 1/255 is applied to
-    the first layer's weights, which are thousands of numbers instead of millions, and
-    the images' height, width, RGB layout is torch's ``channels_last`` order.
+    """Encode small views with two convolutions and a linear layer, ReLU after each.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
@@ -36,23 +26,9 @@ class PixelTrunk(nn.Module):
     Args:
         code_dim: length C of the code.
         image_size: height and width in pixels, both at least 20.
-
-    Raises:
-        ValueError: if ``image_size`` is too small; from ``forward``, if the pixels have
-            another size or dtype, or are floats that are not finite.
-
-    Examples:
-        >>> trunk = PixelTrunk(code_dim=256)
-        >>> trunk(torch.zeros(2, 5, 84, 84, 3, dtype=torch.uint8)).shape
-        torch.Size([2, 5, 256])
-
-    Shape notation:
-        B: any batch dimensions.  C: code.
     """
 
-    def __init__(
-        self, code_dim: int = 256, *, image_size: tuple[int, int] = (84, 84)
-    ) -> None:
+    def __init__(self, code_dim: int = 256, *, image_size: tuple[int, int]) -> None:
         super().__init__()
         if min(image_size) < 20:
             raise ValueError(
@@ -66,13 +42,10 @@ class PixelTrunk(nn.Module):
         self.project = nn.Linear(32 * height * width, code_dim)
         for layer in (self.conv1, self.conv2, self.project):
             start_orthogonal(layer)
-        for layer in (self.conv1, self.conv2):
-            layer.weight.data = layer.weight.data.contiguous(
-                memory_format=torch.channels_last
-            )
+        for convolution in (self.conv1, self.conv2):
+            use_channels_last(convolution)
 
     def forward(self, pixels: Tensor) -> Tensor:
-        """Encode views: ``[*B, H, W, 3]``, uint8 or float in [0, 1], to ``[*B, C]``."""
         check_pixels(pixels, self.image_size)
         dtype = compute_dtype(self.conv1.weight)
         weight = self.conv1.weight
@@ -87,25 +60,7 @@ class PixelTrunk(nn.Module):
 
 
 class EmbeddingTrunk(nn.Module):
-    """Encode a ready embedding of the view with one linear layer and a ReLU.
-
-    The embedding comes from a network that something else trains, such as the
-    TC-network; no gradient goes back into it.
-
-    Args:
-        embedding_dim: length D of the embedding.
-        code_dim: length C of the code.
-
-    Raises:
-        ValueError: from ``forward``, if the embedding has another length.
-
-    Examples:
-        >>> EmbeddingTrunk(64, code_dim=256)(torch.zeros(2, 5, 64)).shape
-        torch.Size([2, 5, 256])
-
-    Shape notation:
-        B: any batch dimensions.  D: embedding.  C: code.
-    """
+    """Encode embeddings ``[*B, D]`` as ``[*B, C]`` with one linear layer and a ReLU."""
 
     def __init__(self, embedding_dim: int, code_dim: int = 256) -> None:
         super().__init__()
@@ -115,11 +70,11 @@ class EmbeddingTrunk(nn.Module):
         start_orthogonal(self.project)
 
     def forward(self, embedding: Tensor) -> Tensor:
-        """Encode embeddings: ``[*B, D]`` to ``[*B, C]``."""
         if embedding.shape[-1] != self.embedding_dim:
             raise ValueError(
                 f"embedding must have the length {self.embedding_dim}, got "
                 f"{list(embedding.shape)}."
             )
         dtype = self.project.weight.dtype
+        # Another objective trains the network behind the embedding.
         return F.relu_(self.project(embedding.detach().to(dtype)))

@@ -7,27 +7,17 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 from torch.nn.utils.fusion import fuse_conv_bn_weights
 
-from toponav.modules.pixels import check_pixels, compute_dtype, pixels_to_planes
+from toponav.modules.pixels import (
+    check_pixels,
+    compute_dtype,
+    pixels_to_planes,
+    use_channels_last,
+)
 
 
 def box_downsample(pixels: Tensor, dtype: torch.dtype) -> Tensor:
-    """Halve images by the mean over 2x2 pixels, scaled to [0, 1].
-
-    uint8 is added up as int16: exact, and eight times faster than converting first.
-
-    Args:
-        pixels: ``[N, H, W, 3]``, uint8 in 0..255 or float in [0, 1].
-        dtype: the dtype to compute in afterwards.
-
-    Returns:
-        ``[N, 3, H / 2, W / 2]`` of ``dtype``, in ``channels_last`` memory order.
-
-    Examples:
-        >>> image = torch.tensor([[0, 0, 102, 102], [0, 255, 102, 102]])
-        >>> image = image.to(torch.uint8).reshape(1, 2, 4, 1).expand(1, 2, 4, 3)
-        >>> box_downsample(image, torch.float32)[0, 0]
-        tensor([[0.2500, 0.4000]])
-    """
+    """Means over 2x2 pixels in [0, 1]: ``[N, H, W, 3]`` to ``[N, 3, H / 2, W / 2]``."""
+    # uint8 is added up as int16: exact, and eight times faster than converting first.
     num, height, width, channels = pixels.shape
     is_bytes = pixels.dtype == torch.uint8
     rows = pixels.reshape(num, height // 2, 2, width * channels)
@@ -42,42 +32,28 @@ def box_downsample(pixels: Tensor, dtype: torch.dtype) -> Tensor:
 
 
 class SmallEncoder(nn.Module):
-    """Embed views with four convolutions on the view halved to 80x60.
+    """Embed full views, or views halved by `AreaDownsample`, with four convolutions.
 
-    21.7 MFLOP a view (5.8, 8.3, 4.4 and 2.2 in the convolutions, 1.0 in the linear
-    layer) against 1430 for ResNet-18. The embedding has no ReLU, so that both signs are
-    left to the comparator. Views that were halved before they were stored
-    (`AreaDownsample`) are read as they are: the same weights, the same embedding up to
-    the rounding of the stored pixels.
+    21.7 MFLOP for a view of 160x120, against 1430 for ResNet-18.
 
     Args:
         embedding_dim: length D of the embedding.
-        batch_norm: normalise after every convolution. Then the views of one update
-            belong in one call, and ``eval()`` before embeddings are compared with
-            older ones.
         image_size: height and width in pixels of a full view, both even.
-
-    Raises:
-        ValueError: if ``image_size`` is odd; from ``forward``, if the pixels have
-            another size or dtype, or are floats that are not finite.
+        batch_norm: normalise after every convolution; then give the views of one
+            update in one call, and compare embeddings in ``eval()`` mode only.
 
     Examples:
-        >>> encoder = SmallEncoder(embedding_dim=256).eval()
-        >>> encoder(torch.zeros(2, 3, 120, 160, 3, dtype=torch.uint8)).shape
+        >>> encoder = SmallEncoder(256, image_size=(60, 80)).eval()
+        >>> encoder(torch.zeros(2, 3, 60, 80, 3, dtype=torch.uint8)).shape
         torch.Size([2, 3, 256])
-        >>> encoder(torch.zeros(2, 3, 60, 80, 3, dtype=torch.uint8)).shape  # halved
-        torch.Size([2, 3, 256])
-
-    Shape notation:
-        B: any batch dimensions.  D: embedding.
     """
 
     def __init__(
         self,
         embedding_dim: int = 256,
         *,
+        image_size: tuple[int, int],
         batch_norm: bool = True,
-        image_size: tuple[int, int] = (120, 160),
     ) -> None:
         super().__init__()
         height, width = image_size
@@ -89,7 +65,7 @@ class SmallEncoder(nn.Module):
         layers: list[nn.Module] = []
         channels, height, width = 3, height // 2, width // 2
         for out_channels, kernel in ((32, 5), (48, 3), (64, 3), (96, 3)):
-            layer = nn.Conv2d(
+            convolution = nn.Conv2d(
                 channels,
                 out_channels,
                 kernel,
@@ -97,30 +73,18 @@ class SmallEncoder(nn.Module):
                 padding=kernel // 2,
                 bias=not batch_norm,
             )
-            layer.weight.data = layer.weight.data.contiguous(
-                memory_format=torch.channels_last
-            )
-            layers.append(layer)
+            layers.append(use_channels_last(convolution))
             if batch_norm:
                 layers.append(nn.BatchNorm2d(out_channels))
             layers.append(nn.ReLU(inplace=True))
             channels, height, width = out_channels, (height + 1) // 2, (width + 1) // 2
         self.convolutions = nn.Sequential(*layers)
         self.project = nn.Linear(channels * height * width, embedding_dim)
-        # What `_folded` made last, and of what.
+        # The last result of `_folded`, and the versions of the tensors behind it.
         self._folds: list[tuple[Tensor, Tensor | None]] = []
         self._folded_from: list[tuple[int, int]] = []
 
     def forward(self, pixels: Tensor) -> Tensor:
-        """Embed views.
-
-        Args:
-            pixels: ``[*B, H, W, 3]`` or halved ``[*B, H / 2, W / 2, 3]``, uint8 in
-                0..255 or float in [0, 1].
-
-        Returns:
-            ``[*B, D]`` in the dtype that the weights, or autocast, compute in.
-        """
         check_pixels(pixels, self.image_size, self.halved_size)
         dtype = compute_dtype(self.project.weight)
         flat = pixels.reshape(-1, *pixels.shape[-3:])
@@ -137,10 +101,6 @@ class SmallEncoder(nn.Module):
         return embedding.reshape(*pixels.shape[:-3], self.embedding_dim)
 
     def _convolve_folded(self, planes: Tensor) -> Tensor:
-        """The convolutions, each with the normalisation behind it in its weights.
-
-        That is faster than one after the other.
-        """
         convolutions = [one for one in self.convolutions if isinstance(one, nn.Conv2d)]
         folds = self._folded()
         for layer, (weight, bias) in zip(convolutions, folds, strict=True):
@@ -148,13 +108,9 @@ class SmallEncoder(nn.Module):
         return planes
 
     def _folded(self) -> list[tuple[Tensor, Tensor | None]]:
-        """Weight and bias of each convolution and the normalisation behind it in one.
-
-        They are made anew when a weight has changed: each change in place counts up the
-        version of a tensor, and each exchange gives it other memory. What other
-        processes share they can change unseen, so that it is folded each time.
-        """
         tensors = [*self.convolutions.parameters(), *self.convolutions.buffers()]
+        # Changing a tensor in place raises its version, exchanging it moves its memory;
+        # another process can change shared tensors unseen.
         now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
         is_shared = any(tensor.is_shared() for tensor in tensors)
         if is_shared or now != self._folded_from:
@@ -165,24 +121,15 @@ class SmallEncoder(nn.Module):
 
 def _fold_all(layers: nn.Sequential) -> Iterator[tuple[Tensor, Tensor | None]]:
     for at, layer in enumerate(layers):
-        if isinstance(layer, nn.Conv2d):
-            norm = layers[at + 1]
-            if isinstance(norm, nn.BatchNorm2d):
-                yield _fold(layer, norm)
-            else:
-                yield layer.weight, layer.bias
-
-
-def _fold(layer: nn.Conv2d, norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
-    """Weight and bias of a convolution and the normalisation behind it in one."""
-    assert norm.running_mean is not None
-    assert norm.running_var is not None
-    return fuse_conv_bn_weights(
-        layer.weight,
-        layer.bias,
-        norm.running_mean,
-        norm.running_var,
-        norm.eps,
-        norm.weight,
-        norm.bias,
-    )
+        if not isinstance(layer, nn.Conv2d):
+            continue
+        norm = layers[at + 1]
+        if not isinstance(norm, nn.BatchNorm2d):
+            yield layer.weight, layer.bias
+            continue
+        assert norm.running_mean is not None
+        assert norm.running_var is not None
+        moments = norm.running_mean, norm.running_var, norm.eps
+        yield fuse_conv_bn_weights(
+            layer.weight, layer.bias, *moments, norm.weight, norm.bias
+        )

@@ -1,100 +1,88 @@
-"""`A3CLoss`: the advantage actor-critic over recurrent slices of experience."""
+"""`A3CLoss`: the advantage actor-critic over slices of experience."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, cast, get_args
 
+import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
-from tensordict.nn import dispatch
+from tensordict.nn import (
+    ProbabilisticTensorDictSequential,
+    TensorDictModuleBase,
+    dispatch,
+)
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
-from torchrl.objectives import LossModule
+from torchrl.objectives import LossModule, ValueEstimators
+from torchrl.objectives.utils import distance_loss
 
-from toponav.keys import ACTION, DONE, IS_INIT, LOGITS, REWARD, STATE_VALUE, TERMINATED
-from toponav.objectives.bootstrapped_gae import (
+from toponav.keys import (
+    ACTION,
+    ADVANTAGE,
+    DONE,
+    IS_INIT,
+    LOGITS,
+    REWARD,
+    STATE_VALUE,
+    TERMINATED,
+    VALUE_TARGET,
+)
+from toponav.objectives.actor_critic_loss import (
+    GAEMixin,
     RecurrentActorCritic,
-    bootstrapped_gae,
-    check_share,
+    action_numbers,
+    bootstrapped_advantage,
+    read_entry,
+    under_next,
 )
 
 Reduction = Literal["unroll", "mean", "sum", "none"]
 
 
-class A3CLoss(LossModule):
-    """Policy gradient, critic and entropy of one slice, in one pass of the network.
+class A3CLoss(GAEMixin, LossModule):
+    """Policy gradient, critic and entropy of one slice of experience, ``[*B, T]``.
 
-    ``loss_objective`` is ``-log pi(a|s) A``, ``loss_critic`` is
-    ``critic_coeff * (R - V)^2`` and ``loss_entropy`` is ``-entropy_coeff`` times the
-    policy's entropy; their sum is to be minimised. ``entropy`` is the mean entropy in
-    nats, without gradient. ``R`` is the n-step return over the slice and ``A = R - V``,
-    both without gradient, see `bootstrapped_gae`; ``lmbda`` below 1 gives the
-    generalised advantage instead.
-
-    The slice is what a collector yields: ``[*B, T]`` decisions, time last, the LSTM's
-    state stored with the first one. The network stays an ordinary submodule, there is
-    no target network, and no value estimator to make: the returns come from the values
-    of this very pass, which an estimator with its own pass would compute again.
+    ``loss_objective`` is ``-log pi(a|s) A``, ``loss_critic`` is ``critic_coeff * (R -
+    V)^2`` and ``loss_entropy`` is ``-entropy_coeff`` times the entropy; their sum is to
+    be minimised. ``entropy`` is the mean entropy in nats. ``R`` is the n-step return
+    and ``A = R - V`` unless ``make_value_estimator`` chooses another estimator (see
+    `bootstrapped_advantage`); an advantage and a value target in the batch are used as
+    they are. There is no target network.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
         the paper, eqs. 1 and 2.
 
     Args:
-        actor_critic: see `RecurrentActorCritic`.
-        gamma: discount per decision.
-        lmbda: 1 for n-step returns.
+        actor_network: a ``ProbabilisticActor``; or, alone, a `RecurrentActorCritic`.
+        critic_network: the value operator.
         entropy_coeff: weight of the entropy bonus; can be assigned while training.
-        critic_coeff: weight of the critic.
+        critic_coeff: weight of the critic's squared error.
         reduction: ``"unroll"`` sums over the slice and takes the mean over its rows, as
-            A3C does, so that the constant inside the optimiser's root and a bound on
-            the gradient's norm mean what they mean there; ``"mean"`` and ``"sum"`` over
-            everything; ``"none"``.
-
-    Raises:
-        ValueError: if an argument is out of range; from ``forward``, if reward or ends
-            differ in shape from the values.
+            A3C does; or TorchRL's ``"mean"``, ``"sum"`` or ``"none"``.
 
     Examples:
-        >>> import torch
         >>> from toponav.modules import ActorCritic
-        >>> network = ActorCritic(input="embedding", embedding_dim=8)
-        >>> state = {
-        ...     "embedding": torch.randn(4, 20, 8),
-        ...     "previous_action": torch.randint(7, (4, 20, 1)),
-        ...     "previous_reward": torch.zeros(4, 20, 1),
-        ...     "recurrent_state": network.initial_state(4, 20),
-        ... }
-        >>> false = torch.zeros(4, 20, 1, dtype=torch.bool)
-        >>> following = {**state, "intrinsic_reward": torch.ones(4, 20, 1)}
-        >>> following |= {"done": false, "terminated": false}
-        >>> batch = TensorDict({**state, "is_init": false, "next": following}, [4, 20])
-        >>> batch["action"] = torch.randint(6, (4, 20))
-        >>> loss = A3CLoss(network)
+        >>> network = ActorCritic(num_actions=4, input="embedding", embedding_dim=8)
+        >>> loss = A3CLoss(network).make_value_estimator(gamma=0.9)
         >>> loss.set_keys(reward="intrinsic_reward")
-        >>> loss(batch)["entropy"].round(decimals=2)  # log 6: it knows nothing yet
-        tensor(1.7900)
-
-    Shape notation:
-        B: batch of envs.  T: decisions in the slice.
     """
 
     @dataclass
     class _AcceptedKeys:
-        """Keys that ``set_keys`` can change.
-
-        Attributes:
-            action: int64 ``[*B, T]``; the action taken.
-            reward: float ``[*B, T, 1]`` under ``"next"``.
-            done: bool ``[*B, T, 1]`` under ``"next"``.
-            terminated: bool ``[*B, T, 1]`` under ``"next"``.
-        """
-
         action: NestedKey = ACTION
         reward: NestedKey = REWARD
         done: NestedKey = DONE
         terminated: NestedKey = TERMINATED
+        value: NestedKey = STATE_VALUE
+        advantage: NestedKey = ADVANTAGE
+        value_target: NestedKey = VALUE_TARGET
+        logits: NestedKey = LOGITS
+        is_init: NestedKey = IS_INIT
 
     default_keys = _AcceptedKeys
     tensor_keys: _AcceptedKeys
+    #: The n-step return.
+    default_value_estimator = ValueEstimators.TD1
 
     out_keys = ["loss_objective", "loss_critic", "loss_entropy", "entropy"]
     _schedulable_buffers = frozenset({"entropy_coeff", "critic_coeff"})
@@ -103,10 +91,9 @@ class A3CLoss(LossModule):
 
     def __init__(
         self,
-        actor_critic: RecurrentActorCritic,
+        actor_network: ProbabilisticTensorDictSequential | RecurrentActorCritic,
+        critic_network: TensorDictModuleBase | None = None,
         *,
-        gamma: float = 0.99,
-        lmbda: float = 1.0,
         entropy_coeff: float = 0.01,
         critic_coeff: float = 0.5,
         reduction: Reduction = "unroll",
@@ -116,12 +103,20 @@ class A3CLoss(LossModule):
             raise ValueError(
                 f"reduction must be one of {get_args(Reduction)}, got {reduction!r}."
             )
-        self.actor_critic = actor_critic
-        self.gamma = check_share("gamma", gamma)
-        self.lmbda = check_share("lmbda", lmbda)
+        if critic_network is None and not hasattr(actor_network, "unroll"):
+            raise ValueError(
+                "critic_network must be given with an actor_network without unroll(), "
+                f"got {type(actor_network).__name__} alone."
+            )
+        network: Any = actor_network
+        self.actor_network = network
+        self.critic_network = critic_network
+        self.reduction = reduction
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)
         self.register_coeff_buffer("critic_coeff", critic_coeff)
-        self.reduction = reduction
+        if critic_network is not None:
+            (action,) = network.dist_sample_keys
+            self.set_keys(action=action)
 
     @property
     def functional(self) -> bool:
@@ -129,56 +124,72 @@ class A3CLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """What the network reads now and where it bootstraps, the action and ends."""
-        network, keys = self.actor_critic.in_keys, self.tensor_keys
-        following = [key for key in network if key != IS_INIT]
+        keys = self.tensor_keys
+        now = list(self.actor_network.in_keys)
+        judged = now
+        if self.critic_network is not None:
+            judged = list(self.critic_network.in_keys)
+            now += [key for key in judged if key not in now]
+        # What a network reads of decisions but not under "next".
+        following = [key for key in judged if key != keys.is_init]
         following += [keys.reward, keys.done, keys.terminated]
-        return [*network, keys.action, *(under_next(key) for key in following)]
-
-    def _forward_value_estimator_keys(self, **kwargs: NestedKey) -> None:
-        pass
+        return [*now, keys.action, *(under_next(key) for key in following)]
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.tensor_keys
-        unrolled = self.actor_critic.unroll(tensordict)
-        state_value = unrolled.get(STATE_VALUE).float()
-        advantage, value_target = bootstrapped_gae(
-            tensordict,
-            state_value,
-            self.actor_critic,
-            gamma=self.gamma,
-            lmbda=self.lmbda,
-            reward=keys.reward,
-            done=keys.done,
-            terminated=keys.terminated,
-        )
-        log_probs = F.log_softmax(unrolled.get(LOGITS).float(), -1)
-        action = tensordict.get(keys.action).unsqueeze(-1)
-        log_prob = log_probs.gather(-1, action)
-        entropy = -(log_probs.exp() * log_probs).sum(-1)
-        objective = -(log_prob * advantage).squeeze(-1)
-        critic = F.mse_loss(state_value, value_target, reduction="none").squeeze(-1)
+        log_prob, entropy, state_value = self._evaluate(tensordict)
+        advantage = tensordict.get(keys.advantage, None)
+        if advantage is None:
+            advantage, value_target = bootstrapped_advantage(
+                self, tensordict, state_value, self._next_values
+            )
+        else:
+            value_target = read_entry(tensordict, keys.value_target, "value_target")
+        objective = -(log_prob * advantage.squeeze(-1))
+        critic = distance_loss(value_target, state_value, "l2")
         mean_entropy = entropy.detach()
         if self.reduction != "none":
             mean_entropy = mean_entropy.mean()
-        return TensorDict(
-            {
-                "loss_objective": self._reduce(objective),
-                "loss_critic": self._reduce(self.critic_coeff * critic),
-                "loss_entropy": self._reduce(-self.entropy_coeff * entropy),
-                "entropy": mean_entropy,
-            }
-        )
+        losses = {
+            "loss_objective": objective,
+            "loss_critic": self.critic_coeff * critic.squeeze(-1),
+            "loss_entropy": -self.entropy_coeff * entropy,
+        }
+        reduced = {name: self._reduce(one, tensordict) for name, one in losses.items()}
+        return TensorDict({**reduced, "entropy": mean_entropy})
 
-    def _reduce(self, loss: Tensor) -> Tensor:
-        """Reduce ``[*B, T]`` as ``reduction`` says."""
+    def _evaluate(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
+        keys = self.tensor_keys
+        action = read_entry(tensordict, keys.action, "action")
+        if self.critic_network is None:
+            unrolled = self.actor_network.unroll(tensordict)
+            log_probs = F.log_softmax(unrolled.get(keys.logits).float(), -1)
+            *shape, num_actions = log_probs.shape
+            numbers = action_numbers(action, num_actions, torch.Size(shape))
+            log_prob = log_probs.gather(-1, numbers.unsqueeze(-1)).squeeze(-1)
+            entropy = -(log_probs.exp() * log_probs).sum(-1)
+            return log_prob, entropy, unrolled.get(keys.value).float()
+        # Shallow copies, so that the caller's batch is left alone.
+        policy = self.actor_network.get_dist(tensordict.copy())
+        # Not batch_shape and event_shape: TorchRL's one-hot policies have no latter.
+        expected = policy.mode.shape
+        if action.shape != expected:
+            raise ValueError(
+                f"action must have the shape {list(expected)} of the policy's "
+                f"{type(policy).__name__}, got {list(action.shape)}."
+            )
+        state_value = self.critic_network(tensordict.copy()).get(keys.value)
+        return policy.log_prob(action), policy.entropy(), state_value
+
+    def _next_values(self, tensordict: TensorDictBase) -> Tensor:
+        if self.critic_network is None:
+            return cast(Tensor, self.actor_network.next_values(tensordict))
+        following = self.critic_network(tensordict.get("next").copy())
+        return cast(Tensor, following.get(self.tensor_keys.value))
+
+    def _reduce(self, loss: Tensor, tensordict: TensorDictBase) -> Tensor:
         if self.reduction == "unroll":
-            return loss.sum(-1).mean()
-        reduced: Tensor = self._reduce_loss(loss)
-        return reduced
-
-
-def under_next(key: NestedKey) -> NestedKey:
-    """The key under ``"next"``."""
-    return ("next", key) if isinstance(key, str) else ("next", *key)
+            kept = self._reduce_loss(loss, tensordict, reduction="none")
+            return cast(Tensor, kept.sum(-1).mean())
+        return cast(Tensor, self._reduce_loss(loss, tensordict))

@@ -11,29 +11,20 @@ from toponav.keys import DONE, ENV_ID, INTRINSIC_REWARD, SCALED_REWARD
 class ReturnScale(TensorDictModuleBase):
     """Divide rewards by the running standard deviation of their discounted return.
 
-    For each env a return ``R <- gamma R + r`` runs through its decisions and starts
-    again from 0 with an episode; the deviation is taken over all of them so far.
-    Rewards are not centred: what pays goes on paying. A learner then sees values of the
-    same order whatever the reward's scale, which a curiosity changes as it learns. The
-    raw reward stays in the batch, the scaled one has a key of its own.
-
-    Everything is in ``state_dict``. Each env's return waits between batches at its
-    ``env_id``; batches without that entry must bring the same envs in the same rows.
+    For each env a return ``R <- gamma R + r`` runs through its decisions and restarts
+    from 0 with an episode; the deviation is taken over all of them so far. Rewards are
+    not centred. Each env's return is kept between batches at its ``env_id``; batches
+    without that entry must hold the same envs in the same rows.
 
     Reference:
         Burda et al., "Exploration by Random Network Distillation" (2018), section 2.4.
 
     Args:
         num_envs: number of envs over all workers.
-        gamma: discount per decision.
-        clip: bound on the size of a scaled reward; ``None`` for no bound.
+        gamma: discount per decision, in [0, 1).
+        clip: bound on the size of a scaled reward, above 0; ``None`` for no bound.
         enabled: if false, the reward is copied as it is and nothing is counted.
-        reward: key of the reward under ``"next"``.
-        out_key: key of the scaled reward under ``"next"``.
-
-    Raises:
-        ValueError: if ``num_envs`` is below 1, ``gamma`` outside [0, 1) or ``clip`` not
-            above 0; from a call, if the batch has other envs than ``num_envs`` allows.
+        reward, out_key: keys of the reward and of the scaled one under ``"next"``.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -43,9 +34,6 @@ class ReturnScale(TensorDictModuleBase):
         >>> batch = scale(TensorDict({"next": following}, [2, 2]))
         >>> scale.deviation ** 2  # the returns are 1, 0.5, 2, 1: 6.25 / 4 - 1.125**2
         tensor(0.2969)
-
-    Shape notation:
-        E: envs of the batch.  T: decisions in the slice.
     """
 
     running_return: Tensor
@@ -77,10 +65,10 @@ class ReturnScale(TensorDictModuleBase):
         self.in_keys = [("next", reward), ("next", DONE)]
         self.out_keys = [("next", out_key)]
         # float64: millions of returns are summed over a long run.
-        for name, size in (("running_return", (num_envs,)), ("count", ())):
-            self.register_buffer(name, torch.zeros(size, dtype=torch.float64))
-        for name in ("mean", "square"):
-            self.register_buffer(name, torch.zeros((), dtype=torch.float64))
+        zero = torch.zeros((), dtype=torch.float64)
+        self.register_buffer("running_return", zero.repeat(num_envs))
+        for name in ("count", "mean", "square"):
+            self.register_buffer(name, zero.clone())
 
     @property
     def deviation(self) -> Tensor:
@@ -94,20 +82,15 @@ class ReturnScale(TensorDictModuleBase):
         """Count a batch ``[E, T]`` and write its scaled rewards, ``[E, T, 1]``."""
         reward_key, done_key = self.in_keys
         reward = tensordict.get(reward_key)
-        scaled = reward.clone()
-        if self.enabled:
-            shape = tensordict.batch_size
-            envs = self._envs(tensordict)
-            self._count(
-                self._returns(
-                    reward.reshape(shape).double(),
-                    tensordict.get(done_key).reshape(shape),
-                    envs,
-                )
-            )
-            scaled = scaled / self.deviation.clamp_min(1e-4)
-            if self.clip is not None:
-                scaled = scaled.clamp_(-self.clip, self.clip)
+        if not self.enabled:
+            return tensordict.set(self.out_keys[0], reward.clone())
+        shape = tensordict.batch_size
+        done = tensordict.get(done_key).reshape(shape)
+        envs = self._envs(tensordict)
+        self._count(self._returns(reward.reshape(shape).double(), done, envs))
+        scaled = reward / self.deviation.clamp_min(1e-4)
+        if self.clip is not None:
+            scaled = scaled.clamp_(-self.clip, self.clip)
         return tensordict.set(self.out_keys[0], scaled)
 
     def _envs(self, tensordict: TensorDictBase) -> Tensor:
@@ -124,7 +107,6 @@ class ReturnScale(TensorDictModuleBase):
         return envs
 
     def _returns(self, reward: Tensor, done: Tensor, envs: Tensor) -> Tensor:
-        """The discounted return after each decision, ``[E, T]``."""
         running = self.running_return[envs]
         returns = torch.empty_like(reward)
         keep = self.gamma * (~done).double()
@@ -140,8 +122,8 @@ class ReturnScale(TensorDictModuleBase):
         num = returns.numel()
         mean = returns.mean()
         total = self.count + num
-        away = mean - self.mean
+        difference = mean - self.mean
         self.square += (returns - mean).square().sum()
-        self.square += away.square() * self.count * num / total
-        self.mean += away * num / total
+        self.square += difference.square() * self.count * num / total
+        self.mean += difference * num / total
         self.count.copy_(total)

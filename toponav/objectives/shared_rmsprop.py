@@ -11,10 +11,8 @@ class SharedRMSProp(torch.optim.Optimizer):
     """Non-centred RMSProp with the constant inside the root, ready to be shared.
 
     ``g <- decay g + (1 - decay) grad^2`` and ``theta <- theta - lr grad / sqrt(g +
-    eps)``. ``torch.optim.RMSprop`` adds its constant outside the root; with 0.1 the two
-    differ by a factor of up to three. The mean squares ``g`` exist from the start, so
-    that `share_memory` can move them to where the optimisers of other processes see
-    them; `load_state_dict` writes into them and keeps them shared.
+    eps)``. The mean squares ``g`` exist from the start and stay where they are:
+    `share_memory` lets other processes update them.
 
     Reference:
         The paper, eqs. 3 and 4; Mnih et al., "Asynchronous Methods for Deep
@@ -22,22 +20,17 @@ class SharedRMSProp(torch.optim.Optimizer):
 
     Args:
         params: parameters, or groups of them.
-        lr: learning rate.
-        decay: how much of ``g`` remains after an update.
-        eps: the constant inside the root.
-
-    Raises:
-        ValueError: if ``lr`` is negative, ``decay`` outside [0, 1), or ``eps`` not
-            above 0.
+        lr: learning rate, at least 0.
+        decay: how much of ``g`` remains after an update, in [0, 1).
+        eps: the constant inside the root, above 0.
 
     Examples:
         >>> weight = torch.nn.Parameter(torch.tensor([1.0]))
         >>> optimizer = SharedRMSProp([weight], lr=0.1, decay=0.99, eps=0.01)
         >>> (2 * weight).sum().backward()
         >>> optimizer.step()  # 1 - 0.1 * 2 / sqrt(0.01 * 2**2 + 0.01)
-        >>> weight
-        Parameter containing:
-        tensor([0.1056], requires_grad=True)
+        >>> round(weight.item(), 4)
+        0.1056
     """
 
     def __init__(
@@ -57,9 +50,7 @@ class SharedRMSProp(torch.optim.Optimizer):
         super().__init__(params, {"lr": lr, "decay": decay, "eps": eps})
         for group in self.param_groups:
             for parameter in group["params"]:
-                self.state[parameter]["mean_square"] = torch.zeros_like(
-                    parameter, memory_format=torch.preserve_format
-                )
+                self.state[parameter]["mean_square"] = torch.zeros_like(parameter)
 
     def share_memory(self) -> "SharedRMSProp":
         """Move the mean squares to shared memory; do so before processes start."""
@@ -71,11 +62,7 @@ class SharedRMSProp(torch.optim.Optimizer):
     def step(  # type: ignore[override]
         self, closure: Callable[[], float] | None = None
     ) -> float | None:
-        """Update the parameters that have a gradient.
-
-        Args:
-            closure: computes the loss and its gradients again, and returns the loss.
-        """
+        """Update the parameters that have a gradient; ``closure`` as torch has it."""
         loss = None
         if closure is not None:
             with torch.enable_grad():

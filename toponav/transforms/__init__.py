@@ -1,41 +1,25 @@
 """TorchRL transforms of the surroundings, each usable in any TorchRL project."""
 
-from toponav.transforms.area_downsample import AreaDownsample
-from toponav.transforms.count_reward import CountReward
-from toponav.transforms.coverage import Coverage
-from toponav.transforms.goal_views import GoalViews
-from toponav.transforms.intrinsic_reward import IntrinsicReward
-from toponav.transforms.noisy_tv import NOISE_LAWS, NoiseLaw, NoisyTV
-from toponav.transforms.novelty import (
-    aggregate_similarity,
-    combine_rewards,
-    count_reward,
-    temporal_distance_reward,
+from toponav.transforms.area_downsample import AreaDownsample as AreaDownsample
+from toponav.transforms.coverage import Coverage as Coverage
+from toponav.transforms.embed_views import EmbedViews as EmbedViews
+from toponav.transforms.goal_views import GoalViews as GoalViews
+from toponav.transforms.noisy_tv import (
+    NOISE_LAWS as NOISE_LAWS,
+    NoiseLaw as NoiseLaw,
+    NoisyTV as NoisyTV,
 )
-from toponav.transforms.policy_pixels import PolicyPixels
-from toponav.transforms.previous_action import PreviousAction
-from toponav.transforms.previous_reward import PreviousReward
-from toponav.transforms.temporal_distance_reward import TemporalDistanceReward
-from toponav.transforms.waypoint_memory import WaypointMemory
-from toponav.transforms.waypoint_truth import WaypointTruth
-
-__all__ = [
-    "NOISE_LAWS",
-    "AreaDownsample",
-    "CountReward",
-    "Coverage",
-    "GoalViews",
-    "IntrinsicReward",
-    "NoiseLaw",
-    "NoisyTV",
-    "PolicyPixels",
-    "PreviousAction",
-    "PreviousReward",
-    "TemporalDistanceReward",
-    "WaypointMemory",
-    "WaypointTruth",
-    "aggregate_similarity",
-    "combine_rewards",
-    "count_reward",
-    "temporal_distance_reward",
-]
+from toponav.transforms.novelty_rewards import (
+    CountReward as CountReward,
+    IntrinsicReward as IntrinsicReward,
+    TemporalDistanceReward as TemporalDistanceReward,
+    combine_rewards as combine_rewards,
+    count_reward as count_reward,
+    temporal_distance_reward as temporal_distance_reward,
+)
+from toponav.transforms.policy_pixels import PolicyPixels as PolicyPixels
+from toponav.transforms.previous_action import PreviousAction as PreviousAction
+from toponav.transforms.previous_reward import PreviousReward as PreviousReward
+from toponav.transforms.random_reward import RandomReward as RandomReward
+from toponav.transforms.waypoint_memory import WaypointMemory as WaypointMemory
+from toponav.transforms.waypoint_truth import WaypointTruth as WaypointTruth

@@ -1,100 +1,78 @@
-"""Buffers that hold one row per env: which rows restart, and how they are loaded.
+"""Buffers that hold one row per env, whose number is known at the first reset."""
 
-- :func:`reset_rows`: the mask of the rows that a reset touches.
-- :func:`match_buffers`: makes buffers fit the ones about to be loaded.
-- :func:`grow_slots`: more room per env.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import Any
 
 import torch
-from tensordict import NestedKey, TensorDictBase
-from torch import Tensor, nn
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs.transforms import Transform
 
 
-def reset_rows(
-    tensordict: TensorDictBase, reset_keys: Sequence[NestedKey], shape: torch.Size
+class ResizableBuffers:
+    """Mixin of modules whose buffers take shape and dtype of the state they load."""
+
+    def _load_from_state_dict(
+        self, state_dict: Mapping[str, object], prefix: str, *args: object
+    ) -> None:
+        module: Any = self
+        for name, buffer in list(module.named_buffers(recurse=False)):
+            stored = state_dict.get(prefix + name)
+            if isinstance(stored, Tensor):
+                empty = buffer.new_empty(stored.shape, dtype=stored.dtype)
+                setattr(self, name, empty)
+        super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
+
+
+def restarting_rows(
+    transform: Transform,
+    tensordict: TensorDictBase,
+    shape: torch.Size,
+    device: torch.device,
 ) -> Tensor:
-    """Return which envs start a new episode in this reset.
-
-    Args:
-        tensordict: what ``env.reset`` was given; without any of ``reset_keys``
-            every row restarts.
-        reset_keys: the env's reset masks, each ``[*B, ...]``.
-        shape: the batch shape ``[*B]`` of the rows.
-
-    Returns:
-        bool ``[*B]``.
-
-    Examples:
-        >>> from tensordict import TensorDict
-        >>> mask = torch.tensor([[True], [False]])
-        >>> data = TensorDict({"_reset": mask}, batch_size=[2])
-        >>> reset_rows(data, ["_reset"], data.batch_size)
-        tensor([ True, False])
-        >>> reset_rows(TensorDict(batch_size=[2]), ["_reset"], data.batch_size)
-        tensor([True, True])
-    """
-    masks = [tensordict.get(key, None) for key in reset_keys]
+    """Which envs begin a new episode in this reset, bool ``[*B]``: all if unmasked."""
+    keys = ["_reset"] if transform.parent is None else transform.parent.reset_keys
+    masks = [tensordict.get(key, None) for key in keys]
     rows = [mask.reshape(*shape, -1).any(-1) for mask in masks if mask is not None]
     if not rows:
-        return torch.ones(shape, dtype=torch.bool, device=tensordict.device)
-    return torch.stack(rows).any(0)
-
-
-def match_buffers(
-    module: nn.Module, state_dict: Mapping[str, object], prefix: str
-) -> None:
-    """Give ``module``'s own buffers the shape and dtype of those in ``state_dict``.
-
-    The number of envs is not known before the first reset, so the buffers of a
-    fresh transform are empty and would refuse a state with rows in it.
-
-    Args:
-        module: the transform about to be loaded, changed in place.
-        state_dict: what ``_load_from_state_dict`` was given.
-        prefix: the module's prefix in it.
-
-    Examples:
-        >>> module = nn.Module()
-        >>> module.register_buffer("visited", torch.empty(0))
-        >>> match_buffers(module, {"net.visited": torch.ones(3)}, "net.")
-        >>> module.visited.shape
-        torch.Size([3])
-    """
-    for name, buffer in list(module.named_buffers(recurse=False)):
-        stored = state_dict.get(prefix + name)
-        if not isinstance(stored, Tensor):
-            continue
-        if (stored.shape, stored.dtype) != (buffer.shape, buffer.dtype):
-            empty = buffer.new_empty(stored.shape, dtype=stored.dtype)
-            setattr(module, name, empty)
+        return torch.ones(shape, dtype=torch.bool, device=device)
+    return torch.stack(rows).any(0).to(device)
 
 
 def grow_slots(buffer: Tensor, num_slots: int, capacity: int | None = None) -> Tensor:
-    """Return ``buffer`` with room for more per env, at least doubled.
-
-    So a buffer that grows by one at a time is copied seldom.
-
-    Args:
-        buffer: ``[N, A, ...]``.
-        num_slots: what is needed; A or less returns the buffer itself.
-        capacity: never more slots than this, and at least ``num_slots``.
-
-    Returns:
-        ``[N, A', ...]``; zero where it is new.
+    """``buffer`` ``[N, A, ...]`` with room for ``num_slots`` per env, at least doubled.
 
     Examples:
         >>> grow_slots(torch.ones(1, 5), 6)
         tensor([[1., 1., 1., 1., 1., 0., 0., 0., 0., 0.]])
-        >>> grow_slots(torch.ones(1, 5), 6, capacity=7).shape
-        torch.Size([1, 7])
     """
     slots = buffer.shape[1]
     if num_slots <= slots:
         return buffer
-    more = max(num_slots, 2 * slots, 8)
-    more = more if capacity is None else min(more, capacity)
-    grown = buffer.new_zeros(buffer.shape[0], more, *buffer.shape[2:])
+    room = max(num_slots, 2 * slots, 8)
+    room = room if capacity is None else min(room, capacity)
+    grown = buffer.new_zeros(buffer.shape[0], room, *buffer.shape[2:])
     grown[:, :slots] = buffer
     return grown
+
+
+class ReadSchedule:
+    """When to read numbers of a device: on the CPU always, elsewhere now and then."""
+
+    #: Decisions from one reading to the next where it costs time.
+    EVERY = 16
+
+    def __init__(self) -> None:
+        self._since = 0
+
+    def is_free(self, device: torch.device) -> bool:
+        """Whether reading waits for nothing."""
+        return device.type == "cpu"
+
+    def is_due(self, device: torch.device) -> bool:
+        """Whether to read in this decision; ask once in each."""
+        self._since += 1
+        if not self.is_free(device) and self._since < self.EVERY:
+            return False
+        self._since = 0
+        return True

@@ -1,16 +1,16 @@
-"""NoisyTV: a patch of fresh noise in one quadrant of the view."""
+"""`NoisyTV`: a patch of fresh noise in one quadrant of the view."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Literal, get_args
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite
-from torchrl.envs.transforms import Transform
+from torchrl.data import TensorSpec
 
 from toponav.keys import PIXELS
-from toponav.transforms.episode_buffers import match_buffers, reset_rows
+from toponav.transforms.episode_buffers import ResizableBuffers, restarting_rows
+from toponav.transforms.specs import Keys, SeededMixin, ViewTransform, get_entry
 
 Quadrant = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
 Scale = Literal["quadrant", "native"]
@@ -44,44 +44,28 @@ NOISE_LAWS: Mapping[str, NoiseLaw] = {
 }
 
 
-class NoisyTV(Transform):
+class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     """Covers one quadrant of the view with noise that is fresh in each decision.
 
-    The noise does not depend on what the agent does, so a curiosity that pays
-    for the unpredictable keeps staring at it. Per env, the quadrant is drawn
-    anew in each episode and stays there until the next one. All ``in_keys`` of
-    an env show the same noise in the same quadrant, so that a full view and a
-    small one of the same scene agree. The views are copied, never painted in
-    place.
-
-    One generator serves the whole batch, on the CPU whatever the device of the
-    data: the same seed and the same resets give the same noise everywhere.
-    Copies in several workers need different seeds, or they show the same noise.
+    Each episode of an env draws a quadrant and keeps it. All ``in_keys`` of an env show
+    the same noise. One generator serves the whole batch, on the CPU: the same seed and
+    resets give the same noise on every device. Copies in several workers need different
+    seeds.
 
     Reference:
-        "A target-driven visual navigation method based on intrinsic motivation
-        exploration and space topological cognition", '"Noisy-TV" experiment':
-        21x21, uniform in [0, 255], fixed within an episode.
+        The paper, '"Noisy-TV" experiment': 21x21, uniform in [0, 255].
 
     Args:
-        in_keys: keys of the views, ``pixels`` unless given; uint8 in ``[0, 255]``
-            or floating point in ``[0, 1]``, ``[*B, ..., H, W, C]`` or
-            ``[*B, ..., C, H, W]``.
+        in_keys: keys of the views, ``pixels`` unless given; uint8 in ``[0, 255]`` or
+            floating point in ``[0, 1]``, ``[*B, ..., H, W, C]``.
         out_keys: keys of the noisy views, the ``in_keys`` unless given.
         size: side of the noise in noise pixels.
         quadrant: where the noise is, or ``None`` to draw it in each episode.
-        scale: ``"quadrant"`` enlarges the noise (nearest neighbour) until it
-            fills the quadrant, ``"native"`` shows it pixel for pixel in the
-            middle of the quadrant.
-        law: ``"uniform"``, ``"binary"``, ``"normal"`` or a callable
-            ``law(shape, generator) -> uint8 [*shape]``.
-        channels: place of the channel dimension in every view.
-        seed: of the noise and the quadrants; ``None`` takes one from the
-            operating system.
-
-    Raises:
-        ValueError: if an argument is out of range, and when the env's specs are
-            read, if a view is missing, is not an image or is too small.
+        scale: ``"quadrant"`` enlarges the noise until it fills the quadrant,
+            ``"native"`` shows it pixel for pixel in its middle.
+        law: ``"uniform"``, ``"binary"``, ``"normal"`` or a `NoiseLaw`.
+        channels: ``"HWC"``, or ``"CHW"`` for views with the channels first.
+        seed: of noise and quadrants; ``None`` takes one from the operating system.
 
     Examples:
         >>> from torchrl.envs import TransformedEnv
@@ -91,17 +75,14 @@ class NoisyTV(Transform):
         >>> views = TransformedEnv(env, tv).rollout(5)["pixels"]
         >>> (views[0] != views[1]).any(0).nonzero().amax(0) + 1  # quadrant
         tensor([42, 42])
-
-    Shape notation:
-        B: batch of environments.  H, W, C: height, width, channels.
     """
 
     corner: Tensor
 
     def __init__(
         self,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
+        in_keys: Keys = None,
+        out_keys: Keys = None,
         *,
         size: int = 21,
         quadrant: Quadrant | None = None,
@@ -120,46 +101,23 @@ class NoisyTV(Transform):
             raise ValueError(f"channels must be 'HWC' or 'CHW', got {channels!r}")
         if isinstance(law, str) and law not in NOISE_LAWS:
             raise ValueError(f"law must be one of {tuple(NOISE_LAWS)}, got {law!r}")
-        super().__init__(in_keys=[PIXELS] if in_keys is None else in_keys)
-        self.out_keys = self.in_keys if out_keys is None else out_keys
-        if len(self.in_keys) != len(self.out_keys):
-            raise ValueError(f"out_keys must match {self.in_keys}, got {self.out_keys}")
+        in_keys = in_keys or [PIXELS]
+        super().__init__(in_keys, out_keys or in_keys)
         self.size = size
         self.quadrant = quadrant
         self.scale = scale
         self.law: NoiseLaw = NOISE_LAWS[law] if isinstance(law, str) else law
-        self.channels = channels
-        self.generator = torch.Generator()
+        self.channels_first = channels == "CHW"
         self.set_seed(seed)
         # Index into QUADRANTS of every env, [*B]; B is known at the first reset.
         self.register_buffer("corner", torch.empty(0, dtype=torch.int64))
-
-    def set_seed(self, seed: int | None) -> None:
-        """Restart the generator; ``None`` takes a seed from the operating system."""
-        if seed is None:
-            self.generator.seed()
-        else:
-            self.generator.manual_seed(seed)
-
-    def get_extra_state(self) -> Tensor:
-        return self.generator.get_state()
-
-    def set_extra_state(self, state: Tensor) -> None:
-        self.generator.set_state(state.cpu())
-
-    def _load_from_state_dict(
-        self, state_dict: Mapping[str, object], prefix: str, *args: object
-    ) -> None:
-        match_buffers(self, state_dict, prefix)
-        super()._load_from_state_dict(state_dict, prefix, *args)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         shape = tensordict_reset.batch_size
-        reset_keys = ["_reset"] if self.parent is None else self.parent.reset_keys
         if self.corner.shape == shape:
-            rows = reset_rows(tensordict, reset_keys, shape).to(self.corner.device)
+            rows = restarting_rows(self, tensordict, shape, self.corner.device)
             drawn = self._draw_corners(shape).to(self.corner.device)
             self.corner = torch.where(rows, drawn, self.corner)
         return self._call(tensordict_reset)
@@ -170,8 +128,8 @@ class NoisyTV(Transform):
             self.corner = self._draw_corners(shape)
         noises: dict[int, Tensor] = {}
         for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
-            views = next_tensordict.get(in_key)
-            count = views.shape[-1 if self.channels == "HWC" else -3]
+            views = get_entry(self, next_tensordict, in_key)
+            count = views.shape[-3 if self.channels_first else -1]
             if count not in noises:
                 noises[count] = self._draw_noise(shape.numel(), count)
             next_tensordict.set(out_key, self._paint(views, noises[count]))
@@ -192,15 +150,9 @@ class NoisyTV(Transform):
         return noise
 
     def _paint(self, views: Tensor, noise: Tensor) -> Tensor:
-        """Return ``views`` with ``noise`` in each env's quadrant.
-
-        Args:
-            views: ``[*B, ..., H, W, C]`` or ``[*B, ..., C, H, W]``.
-            noise: uint8 ``[prod(B), size, size, C]``.
-        """
         painted = views.clone(memory_format=torch.contiguous_format)
         flat = painted.reshape(-1, *painted.shape[-3:])
-        if self.channels == "CHW":
+        if self.channels_first:
             flat = flat.movedim(-3, -1)
         height, width = flat.shape[1] // 2, flat.shape[2] // 2
         # Four quadrants as a view [N, 2, 2, H/2, W/2, C]; an odd last row or
@@ -227,28 +179,16 @@ class NoisyTV(Transform):
         corners[row, corner // 2, corner % 2] = noise
         return painted
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
-            if in_key not in observation_spec.keys(True, True):
-                raise ValueError(
-                    f"in_keys must be observations of the env, got {in_key!r}"
-                )
-            spec = observation_spec[in_key]
-            self._check_view(in_key, spec.shape, spec.dtype)
-            observation_spec[out_key] = spec.clone()
-        return observation_spec
-
-    def _check_view(
-        self, key: NestedKey, shape: torch.Size, dtype: torch.dtype
-    ) -> None:
-        if dtype is not torch.uint8 and not dtype.is_floating_point:
-            raise ValueError(f"{key!r} must be uint8 or floating point, got {dtype}")
-        if len(shape) < 3:
-            raise ValueError(f"{key!r} must be {self.channels} images, got {shape}")
-        height, width = shape[-3:-1] if self.channels == "HWC" else shape[-2:]
+    def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
+        if view.dtype is not torch.uint8 and not view.dtype.is_floating_point:
+            raise ValueError(
+                f"{key!r} must be uint8 or floating point, got {view.dtype}"
+            )
+        height, width = view.shape[-2:] if self.channels_first else view.shape[-3:-1]
         smallest = 2 if self.scale == "quadrant" else 2 * self.size
         if min(height, width) < smallest:
             raise ValueError(
                 f"{key!r} must be at least {smallest}x{smallest} for size={self.size} "
                 f"and scale={self.scale!r}, got {height}x{width}"
             )
+        return view.clone()

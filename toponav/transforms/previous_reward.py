@@ -1,33 +1,22 @@
 """`PreviousReward`: lets a policy see what it was paid before."""
 
-from collections.abc import Sequence
-
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torchrl.data import Bounded, Composite
-from torchrl.envs.transforms import Transform
 
 from toponav.keys import INTRINSIC_REWARD, PREVIOUS_REWARD
-from toponav.transforms.reward_keys import check_num_keys
+from toponav.transforms.specs import KeyedTransform, Keys, find_spec, get_entry
 
 
-class PreviousReward(Transform):
+class PreviousReward(KeyedTransform):
     """Writes the reward that came with an observation, clipped; 0 after a reset.
-
-    The clipping is for the policy's eyes: the reward itself is untouched. Stateless;
-    for any TorchRL env, with ``in_keys=["reward"]`` for the task's reward.
 
     Reference:
         The paper, "Model implementation": the LSTM is fed the previous reward.
 
     Args:
         clip: rewards are cut to ``[-clip, clip]``.
-        in_keys: key of the reward, float32 ``[*B, 1]``; ``intrinsic_reward`` unless
-            given.
-        out_keys: key of the reward before; ``previous_reward`` unless given.
-
-    Raises:
-        ValueError: if an argument is out of range, and when the env's specs are read,
-            if it has no such reward.
+        in_keys: key of the reward, ``intrinsic_reward`` unless given.
+        out_keys: key of the clipped one, ``previous_reward`` unless given.
 
     Examples:
         >>> import torch
@@ -35,29 +24,19 @@ class PreviousReward(Transform):
         >>> paid = TensorDict({"intrinsic_reward": torch.tensor([[0.2], [16.0]])}, [2])
         >>> PreviousReward()._step(TensorDict(), paid)["previous_reward"].squeeze(-1)
         tensor([0.2000, 1.0000])
-
-    Shape notation:
-        B: batch of environments.
     """
 
     def __init__(
-        self,
-        clip: float = 1.0,
-        *,
-        in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
+        self, clip: float = 1.0, *, in_keys: Keys = None, out_keys: Keys = None
     ) -> None:
         if not clip > 0:
             raise ValueError(f"clip must be above 0, got {clip}")
-        super().__init__(
-            in_keys=[INTRINSIC_REWARD] if in_keys is None else in_keys,
-            out_keys=[PREVIOUS_REWARD] if out_keys is None else out_keys,
-        )
-        check_num_keys(self, 1)
+        defaults = [INTRINSIC_REWARD], [PREVIOUS_REWARD]
+        super().__init__(in_keys, out_keys, defaults=defaults)
         self.clip = clip
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        reward = next_tensordict.get(self.in_keys[0])
+        reward = get_entry(self, next_tensordict, self.in_keys[0])
         return next_tensordict.set(
             self.out_keys[0], reward.clamp(-self.clip, self.clip)
         )
@@ -70,18 +49,10 @@ class PreviousReward(Transform):
         return tensordict_reset.set(self.out_keys[0], start)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        rewards = self.parent.full_reward_spec
-        key = self.in_keys[0]
-        if key not in rewards.keys(True, True):
-            raise ValueError(
-                f"in_keys must be a reward of the env, got {key!r}; it has "
-                f"{list(rewards.keys(True, True))}"
-            )
+        rewards, key = self.parent.full_reward_spec, self.in_keys[0]
+        reward = find_spec(rewards, key, kind="a reward")
+        bounds = -self.clip, self.clip
         observation_spec[self.out_keys[0]] = Bounded(
-            -self.clip,
-            self.clip,
-            shape=rewards[key].shape,
-            dtype=rewards[key].dtype,
-            device=rewards[key].device,
+            *bounds, reward.shape, dtype=reward.dtype, device=reward.device
         )
         return observation_spec

@@ -1,4 +1,4 @@
-"""`ViewSimilarity`: the callables that compare views, and checks of their answers."""
+"""`ViewSimilarity`: callables that compare views, and checks of their results."""
 
 from collections.abc import Callable
 
@@ -18,32 +18,8 @@ _ROUNDING = 1e-3
 class ViewSimilarity:
     """How `WaypointMemory` compares views; the networks behind it are not its own.
 
-    No module, so that a transform that holds one neither moves nor saves nor trains
-    the networks.
-
-    Args:
-        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
-        compare: embeddings ``[N, D]`` and memory ``[N, M, P]`` to similarities
-            ``[N, M]`` in [0, 1].
-        prepare: embeddings ``[N, M, D]`` to entries ``[N, M, P]``; ``None`` keeps
-            the embeddings.
-        embedding_key: named in errors.
-        similarity_key: named in errors.
-
-    Examples:
-        >>> same = ViewSimilarity(
-        ...     embed=lambda views: views.flatten(1),
-        ...     compare=lambda one, many: (one.unsqueeze(1) == many).all(-1),
-        ... )
-        >>> views = torch.tensor([[0.0], [1.0]]).reshape(2, 1, 1, 1)
-        >>> memory = same.entries(same.embed(views)).expand(2, 2, 1)
-        >>> same.compare(same.embed(views), memory)
-        tensor([[1., 0.],
-                [0., 1.]])
-
-    Shape notation:
-        N: any number of views.  H, W, C: height, width, channels.  D: embedding.
-        M: memory.  P: prepared entry.
+    Not a module, so that a transform that holds one neither moves nor saves nor trains
+    the networks. The arguments are those of `WaypointMemory`; keys are named in errors.
     """
 
     def __init__(
@@ -63,30 +39,18 @@ class ViewSimilarity:
         self._lengths: dict[torch.Size, int] = {}
 
     def embed(self, views: Tensor) -> Tensor:
-        """Embeddings, float32 ``[N, D]``."""
         return self._embed(views).float()
 
     def entries(self, embedding: Tensor) -> Tensor:
-        """What the memory keeps, ``[N, P]``, of embeddings ``[N, D]``."""
         if self._prepare is None:
             return embedding
         return self._prepare(embedding.unsqueeze(1)).squeeze(1)
 
     def compare(self, embedding: Tensor, memory: Tensor) -> Tensor:
-        """Similarities, float32 ``[N, M]``."""
         return self._compare(embedding, memory).float()
 
     def check(self, embedding: Tensor, similarity: Tensor | None = None) -> None:
-        """Refuse numbers that would silently count as novel; waits for the device.
-
-        Args:
-            embedding: ``[N, D]``.
-            similarity: ``[N, M]``, if any.
-
-        Raises:
-            ValueError: if an embedding or a similarity is NaN or infinite, or a
-                similarity is not in [0, 1].
-        """
+        """Raise ValueError for numbers that would silently count as novel."""
         # A sum is not finite if any of its numbers is not.
         if not bool(embedding.sum().isfinite()):
             broken = int((~embedding.isfinite()).any(-1).sum())
@@ -106,26 +70,27 @@ class ViewSimilarity:
 
     @torch.no_grad()
     def embedding_length(self, view: Tensor) -> int:
-        """D, found by trying all callables on the first view of its shape.
-
-        Args:
-            view: ``[1, H, W, C]``.
-
-        Raises:
-            ValueError: if a callable returns another shape than it must.
-        """
+        """D, and ValueError if a callable returns a wrong shape for one view."""
         if view.shape in self._lengths:
             return self._lengths[view.shape]
+        length = embedding_length(self._embed, view)
         embedding = self.embed(view)
-        if embedding.ndim != 2 or len(embedding) != 1:
-            raise ValueError(
-                f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
-            )
         similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
         if similarity.shape != (1, 1):
             raise ValueError(
                 f"compare must return [N, M], got {list(similarity.shape)} for N = 1 "
                 "and M = 1"
             )
-        self._lengths[view.shape] = embedding.shape[-1]
-        return embedding.shape[-1]
+        self._lengths[view.shape] = length
+        return length
+
+
+@torch.no_grad()
+def embedding_length(embed: Embed, view: Tensor) -> int:
+    """D, and ValueError if ``embed`` returns a wrong shape for one view."""
+    embedding = embed(view)
+    if embedding.ndim != 2 or len(embedding) != 1:
+        raise ValueError(
+            f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
+        )
+    return embedding.shape[-1]

@@ -1,0 +1,71 @@
+"""WAD files on disk."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import platformdirs
+import pytest
+
+from tests.envs.layouts import HALL, LANE
+from toponav.envs.engines.doom.level.compile import compile_maze
+from toponav.envs.engines.doom.level.wad_cache import (
+    cache_folder,
+    wad_file,
+    write_atomically,
+)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda _: str(tmp_path))
+    return tmp_path / "wads"
+
+
+def test_the_content_names_the_file(cache: Path) -> None:
+    maze = compile_maze(LANE)
+    path = wad_file(maze)
+    assert path == cache / f"{maze.digest}.wad"
+    assert path.read_bytes() == maze.wad
+    assert wad_file(compile_maze(HALL)) != path
+
+
+def test_a_file_is_written_once(cache: Path) -> None:
+    maze = compile_maze(LANE)
+    before = wad_file(maze).stat()
+    assert wad_file(maze).stat().st_ino == before.st_ino
+
+
+@pytest.mark.parametrize("damage", [b"", b"PWAD", b"x" * 10**6])
+def test_a_damaged_file_is_written_again(cache: Path, damage: bytes) -> None:
+    maze = compile_maze(LANE)
+    path = wad_file(maze)
+    path.write_bytes(damage)
+    assert wad_file(maze).read_bytes() == maze.wad
+
+
+def test_many_writers_leave_one_whole_file(cache: Path) -> None:
+    maze = compile_maze(LANE)
+    with ThreadPoolExecutor(16) as pool:
+        paths = set(pool.map(lambda _: wad_file(maze), range(64)))
+    assert [path.read_bytes() for path in paths] == [maze.wad]
+    assert list(cache.iterdir()) == list(paths)
+
+
+def test_without_a_cache_folder_a_temporary_one_serves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A file in the folder's place: nobody can write there, not even root.
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda _: f"{tmp_path}/file")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = cache_folder()
+    assert folder.is_dir()
+    assert folder.is_relative_to(tmp_path)
+
+
+def test_a_replaced_file_is_old_or_new(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    write_atomically(path, b"old")
+    write_atomically(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert list(tmp_path.iterdir()) == [path]

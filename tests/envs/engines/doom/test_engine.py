@@ -1,0 +1,144 @@
+"""Starting, losing and closing engines."""
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import vizdoom
+
+from tests.envs.children import Child, run
+from tests.envs.layouts import LANE
+from toponav.envs import EngineError, EngineLostError
+from toponav.envs.engines.doom import engine as engine_module, instances
+from toponav.envs.engines.doom.engine import Engine, fixed, turn
+from toponav.envs.engines.doom.level import acs
+from toponav.envs.engines.doom.level.compile import compile_maze
+from toponav.envs.engines.doom.level.wad_cache import wad_file
+
+MAZE = compile_maze(LANE)
+
+
+def start() -> Engine:
+    return Engine(wad_file(MAZE), MAZE.map_name)
+
+
+def test_numbers_are_the_scripts_fixed_point() -> None:
+    # 1.5 x 65536; 20 / 360 x 65536 = 3640.9; 360 degrees are none.
+    assert (fixed(1.5), fixed(-0.25)) == (98304, -16384)
+    assert (turn(90.0), turn(20.0), turn(360.0), turn(359.9999)) == (16384, 3641, 0, 0)
+
+
+def test_a_closed_engine_says_so() -> None:
+    engine = start()
+    engine.close()
+    engine.close()
+    with pytest.raises(EngineError, match="must be running, and it was closed"):
+        engine.act([0, 0, 0])
+
+
+class TestMissing:
+    @pytest.mark.slow
+    def test_the_remedy_is_in_the_error(self) -> None:
+        # As on a machine that has no wheel; all but the engine still works.
+        hide = "import sys\nsys.modules['vizdoom'] = None\n"
+        script = """
+from toponav.envs import EngineError, load_maze
+print(load_maze("maze1").num_cells)
+try:
+    DoomMazeEnv(LANE)
+except EngineError as error:
+    print(error)
+"""
+        lines = run(script, before=hide).splitlines()
+        assert lines[0] == "51"
+        assert lines[1].startswith(
+            "the ViZDoom engine must be installed, and it is not"
+        )
+        assert "pip has wheels of 'vizdoom' for Linux" in lines[1]
+        assert "build it from source (https://vizdoom.farama.org)" in lines[1]
+
+
+class TestWorkingFolder:
+    @pytest.mark.slow
+    @pytest.mark.parametrize("mode", [0o755, 0o555], ids=["writable", "read-only"])
+    def test_nothing_is_written_into_it(self, tmp_path: Path, mode: int) -> None:
+        tmp_path.chmod(mode)
+        before = tmp_path.stat().st_mtime_ns
+        run(
+            "env = DoomMazeEnv(LANE, batch_size=4, texture_seed=77)\n"
+            "env.rollout(5)\nenv.close()",
+            cwd=tmp_path,
+        )
+        tmp_path.chmod(0o755)
+        assert list(tmp_path.iterdir()) == []
+        # Nor written and removed again: the folder's own time would tell.
+        assert tmp_path.stat().st_mtime_ns == before
+
+
+class TestManyStarts:
+    @pytest.mark.slow
+    def test_forty_eight_at_once_all_succeed(self) -> None:
+        script = (
+            "env = DoomMazeEnv(LANE, batch_size=8)\nenv.rollout(2)\n"
+            "report(env)\nenv.close()"
+        )
+        with ThreadPoolExecutor(6) as pool:
+            children = list(pool.map(lambda _: Child(script), range(6)))
+        try:
+            engines = [pid for child in children for pid in child.engines()]
+            assert len(set(engines)) == 48
+            identifiers = [name for child in children for name in child.ids]
+            assert len(set(identifiers)) == 48
+        finally:
+            for child in children:
+                child.go_on()
+            ended = [child.wait() for child in children]
+        assert [status for status, _, _ in ended] == [0] * 6, ended
+
+
+class TestLosses:
+    def test_a_killed_engine_is_lost_and_starts_again(self) -> None:
+        engine = start()
+        try:
+            engine.new_episode()
+            pid = engine.pid
+            os.kill(pid, signal.SIGKILL)
+            with pytest.raises(EngineLostError, match="the engine died"):
+                engine.act([0, 0, 0])
+            # Whatever is asked of it, it says the same.
+            for ask in (
+                lambda: engine.run_script(acs.OPEN_SLOT, 1),
+                engine.new_episode,
+                engine.observe,
+                lambda: engine.pid,
+            ):
+                with pytest.raises(EngineLostError):
+                    ask()
+            engine.restart()
+            engine.new_episode()
+            engine.act([0, 0, 0])
+            assert engine.pid != pid
+            assert engine.observe()[0].shape == (120, 160, 3)
+        finally:
+            engine.close()
+
+    def test_an_engine_that_dies_while_it_starts_is_given_up(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        # The engine's own start then never returns.
+        monkeypatch.setattr(engine_module, "_SECONDS_WITHOUT_PROCESS", 0.5)
+        forever = threading.Event()
+        monkeypatch.setattr(vizdoom.DoomGame, "init", lambda _: forever.wait())
+        before = set(instances.registry().iterdir())
+        begin = time.monotonic()
+        try:
+            with pytest.raises(EngineError, match="process was ended from outside"):
+                start()
+        finally:
+            forever.set()
+        assert time.monotonic() - begin < 20
+        assert set(instances.registry().iterdir()) == before

@@ -1,0 +1,273 @@
+"""No engine outlives its owner, and no living owner loses one."""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.envs.children import Child, run
+from tests.envs.layouts import LANE
+from toponav.envs import DoomMazeEnv
+from toponav.envs.engines.doom import instances
+
+ENV = "env = DoomMazeEnv(LANE, batch_size=2)\nenv.reset()\n"
+
+
+def ends(condition: Callable[[], object], seconds: float = 10.0) -> bool:
+    """Whether a condition stops holding in time."""
+    end = time.monotonic() + seconds
+    while condition() and time.monotonic() < end:
+        time.sleep(0.05)
+    return not condition()
+
+
+class TestEndings:
+    """However Python ends, short of SIGKILL: no process and no file is left."""
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        ("ending", "status"),
+        [
+            ("env.close()", 0),
+            ("", 0),
+            ("sys.exit(3)", 3),
+            ("raise RuntimeError('mine')", 1),
+            ("env.rollout(10**6)", -signal.SIGTERM),
+            ("time.sleep(60)", -signal.SIGTERM),
+            ("env.rollout(10**6)", -signal.SIGINT),
+            ("time.sleep(60)", -signal.SIGINT),
+        ],
+        ids=[
+            *("close", "plain exit", "sys.exit", "exception"),
+            *("SIGTERM in a step", "SIGTERM asleep"),
+            *("Ctrl-C in a step", "Ctrl-C asleep"),
+        ],
+    )
+    def test_leave_nothing(self, ending: str, status: int) -> None:
+        child = Child(ENV + "report(env)\n" + ending)
+        assert len(child.engines()) == 2
+        assert len(child.shared_memory()) == 6
+        child.go_on()
+        if status < 0:
+            time.sleep(0.5)
+            child.process.send_signal(-status)
+        code, _, errors = child.wait()
+        assert code == status, errors
+        assert ends(child.engines), "the engines must end"
+        assert child.shared_memory() == []
+        assert not list(instances.registry().iterdir())
+
+    def test_of_sigterm_is_left_to_whoever_handles_it(self) -> None:
+        child = Child(
+            "signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))\n"
+            + ENV
+            # Not one long sleep: a signal just before it would not cut it short.
+            + "report(env)\nwhile True: time.sleep(0.05)"
+        )
+        child.go_on()
+        child.process.terminate()
+        code, _, errors = child.wait()
+        assert code == 143, errors
+        assert ends(child.engines)
+        assert child.shared_memory() == []
+
+
+class TestSweep:
+    @pytest.mark.slow
+    def test_removes_what_a_sigkill_left_at_the_next_start(self) -> None:
+        child = Child(ENV + "report(env)")
+        child.process.kill()
+        child.process.wait(10)
+        # The engines know nothing of it and wait endlessly, with its pipes open.
+        assert len(child.engines()) == 2
+        assert len(child.shared_memory()) == 6
+        run("DoomMazeEnv(LANE).close()")
+        assert child.engines() == []
+        assert child.shared_memory() == []
+        assert not list(instances.registry().iterdir())
+
+    @pytest.mark.slow
+    def test_never_touches_engines_of_a_living_owner(self) -> None:
+        env = DoomMazeEnv(LANE)
+        try:
+            env.reset()
+            pid = env.engine_pids
+            out = run("for _ in range(3): DoomMazeEnv(LANE).close()\nprint('swept')")
+            assert out == "swept\n"
+            assert env.engine_pids == pid
+            env.rollout(3)
+        finally:
+            env.close()
+
+    def test_does_not_trust_the_wall_clock(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        # A drifting clock moves psutil's start time by a second.
+        folder = instances.claim()
+        try:
+            moved = psutil.Process().create_time() + 1.3
+            monkeypatch.setattr(psutil.Process, "create_time", lambda _: moved)
+            assert instances.sweep() == 0
+            assert folder.is_dir()
+        finally:
+            instances.release(folder)
+        assert not folder.exists()
+
+    def test_takes_a_later_process_of_the_same_number_for_dead(self) -> None:
+        folder = instances.claim()
+        owner = {"pid": os.getpid(), "started": "1"}
+        (folder / "owner.json").write_text(json.dumps(owner))
+        assert instances.sweep() == 1
+        assert not folder.exists()
+
+    def test_takes_a_zombie_for_dead(self) -> None:
+        # Its parent has not asked for its exit status yet.
+        pid = os.fork()
+        if pid == 0:
+            os._exit(0)
+        folder = instances.claim()
+        try:
+            assert ends(lambda: psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
+            stat = Path(f"/proc/{pid}/stat").read_text()
+            owner = {"pid": pid, "started": stat.rpartition(")")[2].split()[19]}
+            (folder / "owner.json").write_text(json.dumps(owner))
+            assert instances.sweep() == 1
+        finally:
+            os.waitpid(pid, 0)
+
+    @pytest.mark.parametrize(
+        "owner",
+        [
+            *(b"", b"{", b"[]", b"3", b"null", b"\xff\xfe", b"{}", b'{"pid": 1}'),
+            *(b'{"pid": null, "started": "1"}', b'{"pid": "../..", "started": "1"}'),
+            *(b'{"pid": -1, "started": "1"}', b'{"pid": 1e99, "started": "1"}'),
+            b'{"pid": 99999999, "started": "1"}',
+        ],
+    )
+    def test_survives_garbage_in_the_registry(self, owner: bytes) -> None:
+        folder = instances.registry() / "garbage"
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "owner.json").write_bytes(owner)
+        (folder / "instance").write_bytes(b"\xff\0/../..")
+        assert instances.sweep() == 1
+        assert not folder.exists()
+
+    def test_survives_a_folder_without_anything_and_a_file(self) -> None:
+        parent = instances.registry()
+        parent.mkdir(parents=True, exist_ok=True)
+        (parent / "empty").mkdir()
+        (parent / "file").touch()
+        try:
+            instances.sweep()
+            assert not (parent / "empty").exists()
+        finally:
+            (parent / "file").unlink(missing_ok=True)
+
+    def test_of_no_registry_is_nothing(
+        self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        monkeypatch.setattr(instances, "registry", lambda: tmp_path / "none")
+        assert instances.sweep() == 0
+
+    def test_leaves_alone_what_is_not_ours(self) -> None:
+        name = instances.SHARED_MEMORY / "ViZDoomSMnobody-knows"
+        name.touch()
+        try:
+            instances.sweep()
+            assert name.exists()
+        finally:
+            name.unlink()
+
+
+class TestFork:
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        "ending", ["os._exit(0)", "sys.exit(0)"], ids=["_exit", "exit"]
+    )
+    def test_a_child_that_drops_the_mazes_leaves_them_to_the_parent(
+        self, ending: str
+    ) -> None:
+        child = Child(
+            ENV
+            + f"""
+import gc
+child = os.fork()
+if child == 0:
+    del env
+    gc.collect()
+    {ending}
+status = os.waitpid(child, 0)[1]
+assert status == 0, status
+env.rollout(3)
+report(env)
+print("rolled")
+env.close()
+"""
+        )
+        assert len(child.engines()) == 2
+        child.go_on()
+        code, output, errors = child.wait()
+        assert (code, output) == (0, "rolled\n"), errors
+        assert child.engines() == []
+
+    @pytest.mark.slow
+    def test_a_child_can_start_its_own(self) -> None:
+        output = run(
+            ENV
+            + """
+from toponav.envs.batched_games import BatchedGames
+from toponav.envs.engines import load_engine
+from toponav.envs.scene import SceneRules
+child = os.fork()
+if child == 0:
+    try:
+        env.rollout(1)
+    except Exception as error:
+        print("refused:", error, flush=True)
+    # Without torch, whose own threads a fork does not copy either.
+    own = BatchedGames(
+        load_engine("vizdoom"), LANE, 2, rules=SceneRules(), episode_length=9
+    )
+    own.reset([0, 1])
+    own.step([0, 2])
+    own.close()
+    print("own", flush=True)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+env.rollout(3)
+env.close()
+"""
+        )
+        assert output == (
+            "refused: a forked process must make mazes of its own, got its "
+            "parent's\nown\n"
+        )
+
+
+def test_a_claimed_folder_holds_what_the_engine_must_not_write() -> None:
+    folder = instances.claim()
+    try:
+        ini = instances.ini_path(folder).read_text()
+        for game in ("Doom", "Heretic", "Hexen", "Strife", "Chex"):
+            assert f"[{game}.AutoExec]" in ini
+        assert folder.stat().st_mode & 0o077 == 0
+    finally:
+        instances.release(folder)
+    instances.release(folder)  # twice is harmless
+    assert instances.engine_pid(folder) is None
+
+
+def test_a_half_made_folder_is_swept_once_it_is_old(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(instances, "registry", lambda: tmp_path)
+    for name, age in ((".new-old", 3600), (".new-young", 0)):
+        folder = tmp_path / name
+        folder.mkdir()
+        changed = time.time() - age
+        os.utime(folder, (changed, changed))
+    assert instances.sweep() == 1
+    assert [path.name for path in tmp_path.iterdir()] == [".new-young"]

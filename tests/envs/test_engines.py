@@ -1,0 +1,197 @@
+"""What every engine must do; a new engine is one more name in `NAMES`."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import torch
+from torchrl.envs import StepCounter, TransformedEnv
+from torchrl.envs.utils import check_env_specs
+
+from tests.envs import fake_engine
+from tests.envs.layouts import GATE, HALL, LANE
+from toponav import keys
+from toponav.envs import ENGINES, EngineError, MazeEnv, MazeGymEnv, end_stray_engines
+from toponav.envs.engines import load_engine
+
+FULL = {"depth": (6, 8), "velocity": True, "privileged": True}
+NAMES = ["fake", "vizdoom"]
+
+
+@pytest.fixture(autouse=True)
+def registered_fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """All that a new engine needs besides its room."""
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    yield
+    fake_engine.GAMES.clear()
+
+
+@pytest.mark.parametrize("engine", NAMES)
+class TestEveryEngine:
+    def test_keeps_its_specs(self, engine: str) -> None:
+        env = MazeEnv(GATE, engine=engine, batch_size=2, episode_length=5, **FULL)
+        try:
+            check_env_specs(env, break_when_any_done="both")
+            world = load_engine(engine).world
+            assert env.world == world
+            assert TransformedEnv(env, StepCounter()).world == world
+            assert env.reset()["pixels"].shape == (2, *world.view_size, 3)
+            assert env.action_spec.n == world.num_actions
+        finally:
+            env.close()
+
+    def test_starts_where_the_scene_says(self, engine: str) -> None:
+        env = MazeEnv(
+            GATE, engine=engine, batch_size=3, goal=True, privileged=True, seed=0
+        )
+        try:
+            data = env.reset()
+            starts = [scene.start for scene in env.scenes]
+            places = torch.cat([data[keys.POSITION], data[keys.HEADING]], -1)
+            torch.testing.assert_close(places, torch.tensor(starts), atol=0.02, rtol=0)
+            goals = [scene.goal_cell for scene in env.scenes]
+            assert data[keys.GOAL_CELL].tolist() == [list(cell) for cell in goals]
+        finally:
+            env.close()
+
+    def test_moves_as_its_world_says(self, engine: str) -> None:
+        env = MazeEnv(HALL, engine=engine, batch_size=8, velocity=True, seed=0)
+        motion = env.world.motion
+        assert motion is not None
+        try:
+            data = env.reset()
+            turns = {"left": motion.turn, "right": -motion.turn}
+            for name, turn in turns.items():
+                action = torch.full((8,), env.world.actions.index(name))
+                data = env.step(data.set("action", action))["next"]
+                expected = torch.full((8,), turn)
+                torch.testing.assert_close(
+                    data[keys.VELOCITY][:, 3], expected, atol=0.05, rtol=0
+                )
+            speeds = []
+            for _ in range(5):
+                data = env.step(data.set("action", torch.zeros(8).long()))["next"]
+                speeds.append(data[keys.VELOCITY][:, :2].norm(dim=-1))
+            # Somebody has room enough to reach full speed.
+            assert torch.stack(speeds).max() == pytest.approx(motion.step, rel=0.005)
+        finally:
+            env.close()
+
+    def test_pays_the_goal_and_goes_on(self, engine: str) -> None:
+        env = MazeEnv(
+            LANE,
+            engine=engine,
+            batch_size=4,
+            goal=True,
+            episode_length=300,
+            seed=0,
+            **FULL,
+        )
+        torch.manual_seed(0)
+        try:
+            data = env.rollout(300, break_when_any_done=False)["next"]
+        finally:
+            env.close()
+        respawned = data[keys.RESPAWNED]
+        assert respawned.sum() > 2
+        reward = env.world.goal_reward * respawned.float()
+        torch.testing.assert_close(data["reward"], reward)
+        assert (data[keys.VELOCITY][respawned[..., 0]] == 0).all()
+        assert not data["terminated"].any()
+        assert data["truncated"][:, -1].all()
+
+    def test_closes_slots(self, engine: str) -> None:
+        env = MazeEnv(GATE, engine=engine, batch_size=2, privileged=True, seed=1)
+        try:
+            data = env.reset()
+            env.set_slot("a", closed=True, rows=[1])
+            action = torch.full((2,), env.world.actions.index("left"))
+            data = env.step(data.set("action", action))["next"]
+            assert data[keys.BLOCKED].tolist() == [[False], [True]]
+            with pytest.raises(ValueError, match=r"slots of gate \(a\), got 'q'"):
+                env.set_slot("q", closed=True)
+        finally:
+            env.close()
+
+    def test_plays_the_same_episodes_for_the_same_seed(self, engine: str) -> None:
+        env = MazeEnv(
+            GATE, engine=engine, batch_size=2, apples=3, goal=True, privileged=True
+        )
+        actions = np.random.default_rng(0).integers(env.world.num_actions, size=(8, 2))
+        rollouts = []
+        try:
+            for _ in range(2):
+                env.set_seed(5)
+                data = env.reset()
+                views = [data]
+                for action in actions:
+                    data = env.step(data.set("action", torch.tensor(action)))["next"]
+                    views.append(data.select("pixels", keys.POSITION))
+                rollouts.append(torch.stack([view["pixels"] for view in views]))
+        finally:
+            env.close()
+        assert (rollouts[0] == rollouts[1]).all()
+
+    @pytest.mark.parametrize("action", [-1, 99])
+    def test_refuses_an_unknown_action(self, engine: str, action: int) -> None:
+        env = MazeEnv(LANE, engine=engine)
+        try:
+            data = env.reset().set("action", torch.tensor(action))
+            count = env.world.num_actions
+            with pytest.raises(ValueError, match=rf"in \[0, {count}\), got {action}"):
+                env.step(data)
+        finally:
+            env.close()
+
+
+def test_a_lost_engine_is_replaced_at_the_next_reset() -> None:
+    env = MazeEnv(LANE, engine="fake", batch_size=2)
+    data = env.reset()
+    fake_engine.GAMES[0].is_dead = True
+    with pytest.warns(RuntimeWarning, match="maze . of the batch lost its engine"):
+        data = env.step(env.rand_action(data))["next"]
+    assert data["truncated"].sum() == 1
+    data = env.reset(data.set("_reset", data["done"]))
+    assert not env.step(env.rand_action(data))["next", "truncated"].any()
+    env.close()
+    assert all(game.is_ended for game in fake_engine.GAMES)
+
+
+def test_a_gymnasium_maze_runs_on_any_engine() -> None:
+    env = MazeGymEnv("maze1", engine="fake")
+    view, _ = env.reset(seed=0)
+    assert view.shape == (24, 36, 3)
+    assert env.action_space.n == 3
+    env.close()
+
+
+def test_an_unknown_engine_is_refused_with_the_nearest() -> None:
+    message = r"engine must be one of fake, vizdoom, got 'VizDoom' .*mean 'vizdoom'"
+    for make in (MazeEnv, MazeGymEnv):
+        with pytest.raises(ValueError, match=message):
+            make(LANE, engine="VizDoom")
+
+
+def test_an_engine_that_is_not_installed_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    engine = fake_engine.GameEngine(
+        world=fake_engine.WORLD, camera=fake_engine.CAMERA, start=fake_engine.missing
+    )
+    monkeypatch.setattr(fake_engine, "ENGINE", engine)
+    with pytest.raises(EngineError, match="must be installed, and it is not: buy one"):
+        MazeEnv(LANE, engine="fake")
+
+
+def test_stray_engines_are_counted_over_all_engines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = end_stray_engines()
+    engine = fake_engine.GameEngine(
+        world=fake_engine.WORLD,
+        camera=fake_engine.CAMERA,
+        start=fake_engine.start,
+        end_strays=lambda: 2,
+    )
+    monkeypatch.setattr(fake_engine, "ENGINE", engine)
+    assert (before, end_stray_engines()) == (0, 2)

@@ -1,0 +1,88 @@
+"""A run folder of an exploration, made without one: a map of all cells of a ring."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import OmegaConf
+
+from tests.exploring import explore_settings
+from tests.models import WORLD
+from toponav.builders import (
+    MAP_FILE,
+    POSES_FILE,
+    load_networks,
+    make_layout,
+    make_networks,
+    save_networks,
+)
+from toponav.config import ExploreConfig
+from toponav.graph import save_map
+
+RING = "*****\n*   *\n* *a*\n*   *\n*****\n"
+#: Views of a cell, one in each direction.
+DIRECTIONS = (0.0, 90.0, 180.0, 270.0)
+
+
+def make_run(folder: Path, *overrides: str) -> ExploreConfig:
+    """Write networks that were never trained, and a map that fits the maze.
+
+    Args:
+        folder: gets ``config``, ``networks.pt``, the map and its truth; its layout file
+            is ``ring.txt``.
+        overrides: settings of the exploration.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "ring.txt").write_text(RING)
+    path = f"maze.path={folder / 'ring.txt'}"
+    config = explore_settings("maze=file", path, *overrides)
+    (folder / "config").mkdir(exist_ok=True)
+    OmegaConf.save(OmegaConf.structured(config), folder / "config" / "config.yaml")
+    torch.manual_seed(0)
+    networks = make_networks(config.model, WORLD)
+    networks.modules.eval()
+    networks.thresholds = {"tc_threshold": 0.9, "tc_reach": 0.3}
+    save_networks(networks, folder / "networks.pt")
+    write_map(folder, config)
+    return config
+
+
+@torch.no_grad()
+def write_map(folder: Path, config: ExploreConfig, *, cells: int | None = None) -> None:
+    """Write the map and its truth.
+
+    Args:
+        folder: with networks.
+        config: of the run.
+        cells: how many of the maze's cells are on the map, all by default.
+    """
+    tc, layout = load_networks(folder).tc, make_layout(config.maze)
+    known = list(layout.cells)[:cells]
+    places = [(cell, turn) for cell in known for turn in DIRECTIONS]
+    generator = torch.Generator().manual_seed(0)
+    shape = (len(places), 60, 80, 3)
+    images = torch.randint(256, shape, generator=generator, dtype=torch.uint8)
+    embeddings = tc.embed(images) if len(images) else torch.empty(0, 8)
+    edges = [
+        (i, j)
+        for i, (one, _) in enumerate(places)
+        for j, (other, _) in enumerate(places[:i])
+        if abs(one[0] - other[0]) + abs(one[1] - other[1]) <= 1
+    ]
+    pairs = torch.tensor(edges).reshape(-1, 2).long().flip(1)
+    state = {
+        "embeddings": embeddings,
+        "prepared": tc.prepare_memory(embeddings.unsqueeze(1)).squeeze(1),
+        "images": images,
+        "origins": torch.zeros(len(places), 2, dtype=torch.int64),
+        "edges": pairs,
+        "traversals": torch.ones(len(pairs), 2, dtype=torch.int64),
+        "edge_similarity": torch.full((len(pairs),), 0.9),
+        "version": 1,
+        "network_version": 0,
+        "tc_threshold": 0.9,
+        "tc_reach": 0.3,
+    }
+    save_map(state, folder / MAP_FILE)
+    poses = [(*layout.centre(cell, 128.0), turn) for cell, turn in places]
+    np.save(folder / POSES_FILE, np.array(poses, np.float32).reshape(-1, 3))

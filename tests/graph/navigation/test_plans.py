@@ -1,0 +1,50 @@
+import pytest
+import torch
+
+from toponav.graph.navigation.goals import GoalNodes
+from toponav.graph.navigation.planner import Planner
+from toponav.graph.navigation.plans import Blockages, Plans
+
+# A ring of six: from 0 to 3 by way of 1 and 2, or of 5 and 4.
+RING = torch.tensor([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0]])
+
+
+@pytest.fixture
+def plans():
+    """One agent, whose goal is 3."""
+    goals = GoalNodes()
+    goals.resize(1, 1, 4)
+    goals.nodes[0], goals.counts[0] = 3, True
+    made = Plans(Planner(6, RING, torch.ones(6)), goals, Blockages(1, 6))
+    made.plan([0])
+    return made
+
+
+def closed(plans):
+    return RING[plans.blockages.closed[0]].tolist()
+
+
+def test_a_cut_closes_what_leads_over_its_level(plans):
+    # From 1 the goal is 2 away, over 2; with it closed, 4 away, around.
+    plans.close(0, 1, 2.0, hops=0)
+    assert closed(plans) == [[1, 2]]
+    assert plans.cost(torch.tensor([1])).item() == 4.0
+    assert (plans.onward(0, 1), plans.onward(0, 3)) == (0, 3)
+
+
+@pytest.mark.parametrize("hops", [2, 3, 20])
+def test_a_cut_leaves_a_way_if_there_is_one(plans, hops):
+    # Two hops from 1 lies 5, whose edge to 4 crosses the level too: both ways would be
+    # closed. With half as many hops, it is 1-2 alone.
+    plans.close(0, 1, 2.0, hops=hops)
+    assert closed(plans) == [[1, 2]]
+
+
+def test_what_is_closed_at_last_opens_again(plans):
+    plans.close(0, 1, 2.0, hops=0)
+    plans.close(0, 5, 2.0, hops=0)
+    assert closed(plans) == [[1, 2], [4, 5]]
+    assert plans.cost(torch.tensor([0])).isinf()
+    plans.open_up(torch.tensor([0]))
+    assert closed(plans) == [[4, 5]]
+    assert plans.cost(torch.tensor([0])).item() == 3.0

@@ -1,0 +1,80 @@
+"""The report of networks, in worlds with and without ground truth."""
+
+import json
+from contextlib import nullcontext
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from tests.models import WORLD, tiny_model
+from tests.training.test_pretraining import settings
+from toponav.builders import MAZE_WORLD, make_networks
+from toponav.data import HeldOut
+from toponav.envs import load_layout_file
+from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, POSITION
+from toponav.reports import make_truth, summarize, write_reports
+from toponav.training import Validation
+
+
+def make_held_out(name, *, poses):
+    generator = torch.Generator().manual_seed(0)
+    shape = (3, 60)
+    frames = {
+        NETWORK_PIXELS: torch.randint(256, (*shape, 60, 80, 3), generator=generator),
+        ACTION: torch.randint(6, shape, generator=generator),
+    }
+    frames[NETWORK_PIXELS] = frames[NETWORK_PIXELS].to(torch.uint8)
+    if poses:
+        # To and fro in the lane.
+        x = 192 + 30 * (30 - torch.arange(60)).abs().float().expand(shape)
+        frames[POSITION] = torch.stack([x, torch.full(shape, 192.0)], -1)
+        frames[HEADING] = torch.zeros(*shape, 1)
+    return HeldOut(TensorDict(frames, shape), name=name)
+
+
+@pytest.fixture
+def lane(tmp_path):
+    path = tmp_path / "lane.txt"
+    path.write_text("*" * 14 + "\n*" + " " * 12 + "*\n" + "*" * 14)
+    return load_layout_file(path)
+
+
+@pytest.fixture
+def validation():
+    torch.manual_seed(0)
+    config = settings("scale=smoke", "validate.pairs=200", "pairs.k=3")
+    networks = make_networks(tiny_model(), WORLD)
+    held_out = [make_held_out("chain", poses=False), make_held_out("lane", poses=True)]
+    networks.modules.eval()
+    return config, Validation(networks, config, held_out, autocast=nullcontext())
+
+
+def test_a_world_without_truth_has_thresholds_and_what_needs_none(
+    validation, lane, tmp_path
+):
+    config, validate = validation
+    truths = [make_truth(None, WORLD), make_truth(lane, MAZE_WORLD)]
+    figures = write_reports(tmp_path, validate, truths, config)
+    assert set(figures["chain"]) == {"accuracy", "auc"} | {
+        f"accuracy_{offset}" for offset in range(1, 5)
+    }
+    assert {"place_error", "pose_bound", *figures["chain"]} <= set(figures["lane"])
+    assert set(validate.networks.thresholds) == {
+        "tc_threshold",
+        "tc_reach",
+        "reward_threshold",
+    }
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert set(report["mazes"]) == {"chain", "lane"}
+    assert (tmp_path / "report_lane.png").is_file()
+    assert not (tmp_path / "report_chain.png").is_file()
+    first, second, _ = summarize(figures, validate.networks).splitlines()
+    assert first.startswith("chain: TC ")
+    assert "place error" in second
+    assert "place error" not in first
+
+
+def test_a_layout_alone_is_no_truth(lane):
+    assert make_truth(lane, WORLD) is None
+    assert make_truth(None, MAZE_WORLD) is None

@@ -1,0 +1,53 @@
+import threading
+from pathlib import Path
+
+import pytest
+
+from toponav.runs import replacing, write_text
+
+
+def test_a_file_is_replaced_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+        assert (temporary.parent, temporary.suffix) == (tmp_path, ".txt")
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+
+    def run_out_of_space() -> None:
+        with replacing(path) as temporary:
+            temporary.write_text("half")
+            raise OSError("no space")
+
+    with pytest.raises(OSError, match="no space"):
+        run_out_of_space()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_reader_never_finds_half_a_file(tmp_path: Path) -> None:
+    path, stop = tmp_path / "a.txt", threading.Event()
+    contents = {letter * 300_000 for letter in "ab"}
+    write_text(path, "a" * 300_000)
+    found = []
+
+    def read() -> None:
+        while not stop.is_set():
+            found.append(path.read_text() in contents)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    for _ in range(10):
+        for content in contents:
+            write_text(path, content)
+    stop.set()
+    reader.join()
+    assert found
+    assert all(found)

@@ -1,0 +1,168 @@
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.sweeps import make_exploration, make_pretraining, make_run
+from toponav.config import SettingsError
+from toponav.runs.run_folders import (
+    BrokenRunError,
+    find_runs,
+    group_runs,
+    read_exploration,
+    read_pretraining,
+    read_table,
+    swept_settings,
+)
+
+
+def test_runs_are_found_at_any_depth_in_the_order_of_their_numbers(
+    tmp_path: Path,
+) -> None:
+    for k in ("10", "9", "1"):
+        make_run(tmp_path / "deep", "pretrain", f"pairs.k={k}", seed=1)
+    make_run(tmp_path, "pretrain", "pairs.k=9", seed=0)
+    runs = find_runs(tmp_path)
+    found = [(run.given["pairs.k"], run.seed) for run in runs]
+    assert found == [("1", 1), ("9", 0), ("9", 1), ("10", 1)]
+    assert {run.recipe for run in runs} == {"pretrain"}
+
+
+def test_a_run_is_found_in_its_own_folder(tmp_path: Path) -> None:
+    folder = make_run(tmp_path, "explore", "maze=maze1")
+    assert [run.folder for run in find_runs(folder)] == [folder]
+
+
+def test_the_seed_and_a_resumption_are_no_settings(tmp_path: Path) -> None:
+    make_run(tmp_path, "explore", "+maze=maze1", "resume='some/run=1'", seed=3)
+    (run,) = find_runs(tmp_path)
+    assert run.given == {"maze": "maze1"}
+    assert run.seed == 3
+
+
+def test_swept_settings_are_those_that_differ(tmp_path: Path) -> None:
+    make_run(tmp_path, "explore", "scale=smoke", "reward.alpha=0.2", seed=0)
+    make_run(tmp_path, "explore", "scale=smoke", "reward.alpha=0.2", seed=1)
+    # This one has the value of its config, 0.5.
+    make_run(tmp_path, "explore", "scale=smoke", seed=0)
+    runs = find_runs(tmp_path)
+    names = swept_settings(runs)
+    assert names == ["reward.alpha"]
+    groups = [
+        (settings, [run.seed for run in members])
+        for settings, members in group_runs(runs, names)
+    ]
+    assert groups == [({"reward.alpha": "0.2"}, [0, 1]), ({"reward.alpha": "0.5"}, [0])]
+
+
+def test_a_group_that_was_not_chosen_is_the_default(tmp_path: Path) -> None:
+    make_run(tmp_path, "explore", "maze=maze1")
+    make_run(tmp_path, "explore", "reward.alpha=0.5")
+    runs = find_runs(tmp_path)
+    assert swept_settings(runs) == ["maze"]
+    assert sorted(run.setting("maze") for run in runs) == ["default", "maze1"]
+
+
+def test_a_list_is_written_as_on_a_command_line(tmp_path: Path) -> None:
+    folder = make_run(tmp_path, "navigate")
+    path = folder / "config/config.yaml"
+    path.write_text(yaml.safe_dump({"maze": {"blocked": ["a", "b"], "open": []}}))
+    (run,) = find_runs(tmp_path)
+    assert run.setting("maze.blocked") == "[a,b]"
+    assert run.setting("maze.open") == "[]"
+
+
+def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="folder must hold runs of a recipe, got"):
+        find_runs(tmp_path)
+    with pytest.raises(SettingsError, match="folder must name the folder of a sweep"):
+        find_runs(tmp_path / "nowhere")
+
+
+def test_columns_are_numbers_where_all_cells_are(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("policy,coverage,seed\nbest,0.5,1\nlast,,2\n")
+    columns = read_table(path)
+    assert columns["policy"].tolist() == ["best", "last"]
+    np.testing.assert_array_equal(columns["coverage"], [0.5, math.nan])
+    assert columns["seed"].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (None, "has no a.csv"),
+        ("", "has an empty a.csv"),
+        ("x,y\n1,2\n3\n", "has broken rows in its a.csv"),
+    ],
+)
+def test_a_broken_table_is_told(tmp_path: Path, text: str | None, reason: str) -> None:
+    if text is not None:
+        (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(BrokenRunError, match=reason):
+        read_table(tmp_path / "a.csv")
+
+
+def test_a_pretraining_has_its_figures_by_maze(tmp_path: Path) -> None:
+    one = read_pretraining(make_pretraining(tmp_path, mazes={"select": 0.9})).T
+    assert one["select"]["accuracy"] == 0.9
+    # Three pairs at 0.8 and one at 0.4: 2.8 / 4.
+    assert one["select"]["locomotion_accuracy"] == pytest.approx(0.7)
+    assert one["select"]["waypoint_share_0.9"] == 0.125
+    assert one["select"]["tc_accuracy_k4_m5"] == 0.75  # of the last row
+    assert math.isnan(one["select"]["through_wall_rate"])
+    # The history is over all mazes, so it says nothing on one of two.
+    two = make_pretraining(tmp_path, "mazes=[a,b]", mazes={"a": 0.8, "b": 0.7})
+    figures = read_pretraining(two).T
+    assert [figures[maze]["accuracy"] for maze in "ab"] == [0.8, 0.7]
+    assert "tc_accuracy_k4_m5" not in figures.index
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (None, "has no report.json"),
+        ('{"mazes": {', "has a broken report.json"),
+        ("{}", "has a broken report.json"),
+    ],
+)
+def test_an_unfinished_pretraining_is_told(
+    tmp_path: Path, content: str | None, reason: str
+) -> None:
+    folder = make_pretraining(tmp_path, mazes={"select": 0.9})
+    (folder / "report.json").unlink()
+    if content is not None:
+        (folder / "report.json").write_text(content)
+    with pytest.raises(BrokenRunError, match=reason):
+        read_pretraining(folder)
+
+
+def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:
+    found = read_exploration(make_exploration(tmp_path, best=[0.8, 0.95, 1.0]))
+    policies = dict(list(found.evaluation.groupby("policy", sort=False)))
+    assert list(policies) == ["best", "last", "random"]
+    assert policies["best"]["coverage"].tolist() == [0.8, 0.95, 1.0]
+    assert policies["best"]["decisions_to_90"].tolist() == [-1, 901, 902]
+    assert policies["random"]["coverage"].tolist() == [0.4, 0.5]
+    assert len(found.episodes["decisions"]) == 80
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("decisions_to_90", "x", "has no column 'decisions_to_90' in its evaluation"),
+        ("coverage", "covered", "has no coverage: its world has no ground truth"),
+        ("best,|last,", "worst,", "has no evaluation of its best or last policy"),
+        ("0.95", "nan", "has evaluation episodes without coverage"),
+    ],
+)
+def test_a_broken_exploration_is_told(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
+    path = make_exploration(tmp_path, best=[0.95]) / "evaluation.csv"
+    path.write_text(re.sub(old, new, path.read_text()))
+    with pytest.raises(BrokenRunError, match=reason):
+        read_exploration(path.parent)

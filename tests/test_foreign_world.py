@@ -1,0 +1,88 @@
+"""The whole explore recipe in a foreign world without ground truth."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from toponav.builders import load_networks
+from toponav.graph import load_map
+
+ROOT = Path(__file__).parent.parent
+WORLD = (
+    "world=gym",
+    "world.id=tests.foreign_world:ForeignWorld-v0",
+    "world.episode_length=64",
+)
+
+
+def explore(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(ROOT / "recipes/explore.py"), "scale=smoke", *words]
+    return subprocess.run(
+        command,
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=290,
+        check=False,
+    )
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None:
+    done = explore(*WORLD, "hydra.run.dir=run", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "intrinsic return per episode: " in done.stdout
+    run = tmp_path / "run"
+    # Pre-training: networks for four actions and views of this world's size.
+    networks = load_networks(run)
+    assert (networks.num_actions, networks.view_size) == (4, (48, 64))
+    assert set(networks.thresholds) == {"tc_threshold", "tc_reach", "reward_threshold"}
+    # Exploring: everything but coverage is in the tables.
+    metrics, episodes = rows(run / "metrics.csv"), rows(run / "episodes.csv")
+    assert [row["decisions"] for row in metrics] == ["256", "512", "768", "1024"]
+    assert float(metrics[-1]["entropy"]) < 1.4  # log 4 is 1.39
+    assert {"intrinsic_return", "new_waypoints", "waypoints"} <= set(episodes[0])
+    policies = {row["policy"] for row in rows(run / "evaluation.csv")}
+    assert policies == {"best", "last", "random", "sticky"}
+    # The map: a graph, drawn without a plan.
+    drawn = rows(run / "map.csv")[-1]
+    state, _ = load_map(run / "map.zip")
+    assert int(drawn["waypoints"]) == len(state["embeddings"]) > 0
+    assert int(drawn["components"]) >= 1
+    for name in ("curves.png", "topology.png", "episode.mp4"):
+        assert (run / name).stat().st_size > 3_000, name
+    for table in ("metrics.csv", "episodes.csv", "evaluation.csv", "map.csv"):
+        columns = rows(run / table)[0]
+        assert not [name for name in columns if "cover" in name], table
+    # What only poses can show is not there.
+    assert not (run / "map.png").exists()
+    assert not (run / "map_poses.npy").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ([*WORLD, "reward=coverage"], "reward=coverage must be used in a world that"),
+        (["world=gym", "world.id=NoSuchWorld-v0"], "world.id: "),
+        (["world=gym", "world.id=CartPole-v1"], "world.id: "),
+        (["world=gim"], "world must be one of gym, maze, got 'gim'"),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(
+    words: list[str], sentence: str, tmp_path: Path
+) -> None:
+    done = explore(*words, "hydra.run.dir=run", cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -1,0 +1,134 @@
+import copy
+import csv
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from tests.exploring import explore_settings
+from tests.models import WORLD
+from toponav.builders import make_networks
+from toponav.config import ExploreConfig, SettingsError, TrainingError
+from toponav.keys import ACTION, EMBEDDING, TRAJECTORY
+from toponav.training import LocomotionFinetuner
+
+SETTINGS = ("locomotion.updates=150", "locomotion.pairs=64", "locomotion.lr=0.01")
+
+
+def walks(*, start: int = 0, length: int = 32, rows: int = 4) -> TensorDict:
+    """Agents on a line: action 0 goes one up, action 1 one down, in turns of eight.
+
+    The embedding is the place, so that the sign of a difference names the action.
+    """
+    step = torch.arange(start, start + length).expand(rows, -1)
+    row = torch.arange(rows).unsqueeze(1)
+    action = ((step + 3 * row) // 8) % 2
+    place = (1 - 2 * action).cumsum(1) - (1 - 2 * action) + start % 2
+    embedding = torch.zeros(rows, length, 8)
+    embedding[..., 0] = place
+    return TensorDict(
+        {
+            EMBEDDING: embedding,
+            ACTION: action,
+            TRAJECTORY: row.expand(-1, length).clone(),
+            "step_count": step.unsqueeze(-1).clone(),
+        },
+        [rows, length],
+    )
+
+
+def nothing(figures: dict[str, float], update: int) -> None:
+    pass
+
+
+def make(
+    config: ExploreConfig, check=nothing
+) -> tuple[LocomotionFinetuner, torch.nn.Module]:
+    torch.manual_seed(0)
+    networks = make_networks(config.model, WORLD)
+    finetuner = LocomotionFinetuner(
+        config.locomotion, networks, seed=config.seed, check=check
+    )
+    return finetuner, networks.locomotion.head
+
+
+def test_the_head_learns_the_actions_that_were_taken(tmp_path: Path) -> None:
+    config = explore_settings(*SETTINGS, "locomotion.k=4")
+    finetuner, head = make(config)
+    finetuner.extend(walks())
+    finetuner.finish(tmp_path)
+    here, there = torch.zeros(2, 8), torch.zeros(2, 8)
+    there[:, 0] = torch.tensor([2.0, -2.0])
+    with torch.no_grad():
+        assert head(here, there).argmax(1).tolist() == [0, 1]
+    with (tmp_path / "locomotion.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["update"] for row in rows] == ["100", "150"]
+    # At a turn the way back is as good: nobody gets all.
+    assert float(rows[-1]["accuracy"]) > 0.8
+    assert not head.training
+
+
+def test_the_encoder_stays_as_it_is(tmp_path: Path) -> None:
+    config = explore_settings(*SETTINGS, "locomotion.k=4")
+    networks = make_networks(config.model, WORLD)
+    before = copy.deepcopy(networks.tc.state_dict())
+    finetuner = LocomotionFinetuner(config.locomotion, networks, seed=0, check=nothing)
+    finetuner.extend(walks())
+    finetuner.finish(tmp_path)
+    for name, value in networks.tc.state_dict().items():
+        assert torch.equal(value, before[name]), name
+
+
+def test_a_resumed_run_learns_the_same(tmp_path: Path) -> None:
+    # A memory of 200 decisions wraps around, and some of the first 128 stay.
+    config = explore_settings(*SETTINGS, "locomotion.k=4", "locomotion.memory=200")
+    (whole, one), (cut, _), (resumed, other) = (make(config) for _ in range(3))
+    for finetuner in (whole, cut):
+        finetuner.extend(walks())
+    resumed.load_state_dict(copy.deepcopy(cut.state_dict()))
+    # A resumed run starts new episodes, and numbers them from 0 again.
+    later = walks()
+    resumed.extend(later)
+    later[TRAJECTORY] = later[TRAJECTORY] + 4
+    whole.extend(later)
+    for finetuner in (whole, resumed):
+        finetuner.finish(tmp_path)
+    for mine, theirs in zip(one.parameters(), other.parameters(), strict=True):
+        assert torch.equal(mine, theirs)
+
+
+def test_a_run_that_is_resumed_after_it_learned_learns_no_more_than_once(
+    tmp_path: Path,
+) -> None:
+    config = explore_settings(*SETTINGS)
+    finetuner, head = make(config)
+    finetuner.extend(walks())
+    state = copy.deepcopy(finetuner.state_dict())
+    finetuner.finish(tmp_path)
+    # What was learned is in the run's networks, with which a resumed run begins.
+    again, second = make(config)
+    second.load_state_dict(head.state_dict())
+    again.load_state_dict(state)
+    again.finish(tmp_path)
+    for one, other in zip(head.parameters(), second.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_a_loss_that_is_no_number_is_told(tmp_path: Path) -> None:
+    def check(figures: dict[str, float], update: int) -> None:
+        if figures["loss_locomotion"] != figures["loss_locomotion"]:
+            raise TrainingError(f"update {update}")
+
+    finetuner, _ = make(explore_settings(*SETTINGS, "locomotion.k=4"), check)
+    broken = walks()
+    broken[EMBEDDING] = broken[EMBEDDING] * float("nan")
+    finetuner.extend(broken)
+    with pytest.raises(TrainingError, match="update 1"):
+        finetuner.finish(tmp_path)
+
+
+def test_settings_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(SettingsError, match=r"locomotion\.k must be less than"):
+        explore_settings("locomotion.k=64")

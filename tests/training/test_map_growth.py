@@ -1,0 +1,218 @@
+"""The map of an exploration: fed, judged, written, and taken up again."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from tests.exploring import explore_settings, make_batch, world_of
+from toponav import keys
+from toponav.builders import make_layout, make_networks
+from toponav.builders.maps import make_map
+from toponav.builders.pretraining import pretraining_decisions
+from toponav.config import SettingsError
+from toponav.graph import load_map
+from toponav.ground_truth import GroundTruthDistances
+from toponav.training import MapGrowth
+
+THRESHOLDS = {"reward_threshold": 0.5, "tc_threshold": 0.6, "tc_reach": 0.55}
+
+
+def settings(*overrides):
+    return explore_settings("map.tc_threshold=0.6", "map.tc_reach=0.55", *overrides)
+
+
+def make_growth(config, *, seed=0):
+    torch.manual_seed(seed)
+    world = world_of(config)
+    networks = make_networks(config.model, world.spec)
+    networks.modules.eval()
+    networks.thresholds = dict(THRESHOLDS)
+    # A comparison that tells random embeddings apart: how near they are.
+    growth = MapGrowth(config, world, networks, pretraining_decisions=200)
+    waypoints = growth.map.waypoints
+    waypoints._compare = lambda one, many: torch.exp(
+        -(one.unsqueeze(1) - many).square().mean(-1)
+    )
+    waypoints._prepare = None
+    return growth
+
+
+def make_walk(config, **arguments):
+    """A batch whose agents stand in the middles of cells, each view with its pixels."""
+    batch = make_batch(config, **arguments)
+    cells = torch.as_tensor(make_layout(config.maze).open_mask).nonzero()
+    rows = make_layout(config.maze).open_mask.shape[0]
+    order = torch.arange(batch.numel()) % len(cells)
+    row, column = cells[order].unbind(1)
+    place = torch.stack([column + 0.5, rows - row - 0.5], 1) * 128
+    batch[keys.POSITION] = place.reshape(*batch.shape, 2)
+    batch[keys.NETWORK_PIXELS] = torch.zeros(*batch.shape, 60, 80, 3, dtype=torch.uint8)
+    return batch
+
+
+def test_each_waypoint_has_the_pose_of_its_view() -> None:
+    config = settings()
+    growth, seen = make_growth(config), {env: [] for env in range(4)}
+    for start in (0, 32):
+        batch = make_walk(config, start=start, seed=start)
+        for env, places in zip(range(4), batch[keys.POSITION], strict=True):
+            seen[env] += places.tolist()
+        growth.extend(batch)
+    assert growth.map.num_waypoints > 10
+    assert len(growth.truth.poses.values) == growth.map.num_waypoints
+    for (env, number), pose in zip(
+        growth.map.origins.tolist(), growth.truth.poses.values.tolist(), strict=True
+    ):
+        assert pose[:2] == seen[env][number]
+
+
+def test_only_some_environments_feed_it_if_wanted() -> None:
+    config = settings("map.envs=2")
+    growth = make_growth(config)
+    growth.extend(make_walk(config, envs=(3, 1, 2, 0)))
+    assert set(growth.map.origins[:, 0].tolist()) == {0, 1}
+    before = growth.map.num_waypoints
+    growth.extend(make_walk(config, envs=(2, 3)))
+    assert growth.map.num_waypoints == before
+
+
+def test_interaction_counts_all_until_every_cell_is_covered() -> None:
+    # Without surroundings, a view is decided as soon as it has its votes.
+    config = settings(
+        "map.tc_threshold=0.999", "map.tc_reach=0.9", "map.surroundings=0"
+    )
+    growth = make_growth(config)
+    num_cells = int(make_layout(config.maze).open_mask.sum())
+    batch = make_walk(config)
+    assert batch.numel() > num_cells
+    growth.extend(batch[:1])
+    assert math.isnan(growth.truth.decisions_to_cover)
+    growth.extend(make_walk(config, seed=1))
+    # 32 decisions of one environment, then 4 times 32.
+    assert growth.truth.decisions_to_cover == 160
+    growth.extend(make_walk(config, seed=3))
+    assert growth.truth.decisions_to_cover == 160
+
+
+def test_what_it_writes_can_be_read(tmp_path) -> None:
+    config = settings()
+    growth = make_growth(config)
+    growth.extend(make_walk(config))
+    growth.write(tmp_path)
+    assert growth.rows[-1]["decisions"] == 128
+    state, about = load_map(tmp_path / "map.zip")
+    assert torch.equal(state["embeddings"], growth.map.embeddings)
+    assert about == {"maze": config.maze.name}
+    poses = np.load(tmp_path / "map_poses.npy")
+    assert (poses == growth.truth.poses.values.numpy()).all()
+    with (tmp_path / "map.csv").open() as file:
+        (entries,) = csv.DictReader(file)
+    assert entries["waypoints"] == str(growth.map.num_waypoints)
+    assert entries["decisions_to_cover"] == ""
+    assert (tmp_path / "topology.png").stat().st_size > 5_000
+    metric = GroundTruthDistances(
+        torch.as_tensor(make_layout(config.maze).open_mask), cell_size=128.0
+    )
+    share = len(metric.cell_numbers(growth.truth.poses.values[:, :2]).unique())
+    num_cells = int(make_layout(config.maze).open_mask.sum())
+    assert float(entries["coverage"]) == pytest.approx(share / num_cells, abs=1e-5)
+
+
+def test_another_goes_on_where_one_was_cut_off() -> None:
+    config = settings()
+    whole, cut = make_growth(config), make_growth(config)
+    first, second = make_walk(config), make_walk(config, seed=1)
+    # The second batch begins with new episodes, as after a restart.
+    done = torch.zeros(4, 32, 1, dtype=torch.bool)
+    done[:, -1] = True
+    first["next", "done"] = done
+    for growth in (whole, cut):
+        growth.extend(first)
+    resumed = make_growth(config)
+    resumed.load_state_dict(cut.state_dict())
+    for growth in (whole, resumed):
+        growth.extend(second)
+    one, other = whole.map.state_dict(), resumed.map.state_dict()
+    for name in ("embeddings", "edges", "traversals"):
+        assert torch.equal(one[name], other[name]), name
+    assert torch.equal(whole.truth.poses.values, resumed.truth.poses.values)
+
+
+def test_new_weights_are_taken_over_and_not_shared() -> None:
+    config = settings("online.learn=true")
+    growth = make_growth(config)
+    growth.extend(make_walk(config))
+    before = growth.map.embeddings.clone()
+    with torch.no_grad():
+        for parameter in growth.networks.tc.parameters():
+            parameter.add_(0.1)
+    again = growth.map.waypoints.embed(growth.map.images)
+    growth.refresh({"networks": 1})
+    assert growth.map.network_version == 1
+    assert not torch.equal(growth.map.embeddings, before)
+    assert not torch.allclose(growth.map.embeddings, again)
+    wanted = growth.networks.tc.embed(growth.map.images[:1])
+    assert torch.allclose(growth.map.embeddings[:1], wanted, atol=1e-5)
+
+
+def test_a_sparse_map_keeps_its_poses(tmp_path) -> None:
+    config = settings("map.sparsify=1", "map.edges=both")
+    growth = make_growth(config)
+    growth.extend(make_walk(config))
+    before = growth.map.num_waypoints
+    poses = {tuple(pose) for pose in growth.truth.poses.values.tolist()}
+    growth.map.set_thresholds(0.3, 0.2)
+    growth.finish(tmp_path)
+    assert 0 < growth.map.num_waypoints < before
+    assert len(growth.truth.poses.values) == growth.map.num_waypoints
+    assert {tuple(pose) for pose in growth.truth.poses.values.tolist()} <= poses
+    assert (tmp_path / "map.zip").exists()
+
+
+def test_thresholds_are_calibrated_or_given() -> None:
+    config = explore_settings().map
+    settings_ = explore_settings()
+    tc = make_networks(settings_.model, world_of(settings_).spec).tc.eval()
+    found = make_map(config, tc, THRESHOLDS)
+    assert (found.tc_threshold, found.tc_reach) == (0.6, 0.55)
+    # A calibrated reach above the threshold is brought down to it.
+    assert make_map(config, tc, THRESHOLDS | {"tc_reach": 0.9}).tc_reach == 0.6
+    with pytest.raises(
+        SettingsError, match="have no calibrated tc_threshold, got auto"
+    ):
+        make_map(config, tc, {})
+    high = explore_settings("map.tc_reach=0.9").map
+    with pytest.raises(SettingsError, match=r"at most map.tc_threshold = 0.6, got"):
+        make_map(high, tc, THRESHOLDS)
+
+
+def test_decisions_of_all_earlier_runs_add_up(tmp_path) -> None:
+    explored = "collect: {decisions: 7}\nreward: {}\nonline: {learn: true}"
+    for name, entries in (
+        ("first", "collect: {decisions: 1000}\ninit_from: null\n"),
+        ("second", f"collect: {{decisions: 500}}\ninit_from: {tmp_path}/first\n"),
+        ("explored", f"{explored}\npretrained: {tmp_path}/second\n"),
+        ("unknown", f"{explored}\npretrained: null\n"),
+    ):
+        (tmp_path / name / "config").mkdir(parents=True)
+        (tmp_path / name / "config" / "config.yaml").write_text(entries)
+    given = explore_settings(f"pretrained={tmp_path}/second/networks.pt")
+    assert pretraining_decisions(given) == 1500
+    explored = explore_settings(f"pretrained={tmp_path}/explored")
+    assert pretraining_decisions(explored) == 1507
+    for name in ("unknown", "elsewhere"):
+        given = explore_settings(f"pretrained={tmp_path}/{name}")
+        assert math.isnan(pretraining_decisions(given))
+
+
+def test_the_first_decisions_can_be_left_out() -> None:
+    growth = make_growth(settings("map.after=128"))
+    batch = make_walk(settings())
+    growth.extend(batch)
+    assert growth.map.num_waypoints == 0
+    growth.extend(batch)
+    growth.extend(batch)
+    assert growth.map.num_waypoints > 0

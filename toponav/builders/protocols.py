@@ -1,0 +1,128 @@
+"""What worlds, consumers of batches and reward methods are to the rest of the house."""
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+from tensordict import NestedKey, TensorDictBase
+from torch import nn
+from torchrl.envs import EnvBase
+from torchrl.envs.transforms import Transform
+
+from toponav.config import RewardConfig
+from toponav.envs import Layout
+from toponav.worlds import WorldSpec
+
+#: Names of what collecting processes fetch: the explorer's policy, and the TC-network
+#: with its threshold.
+POLICY, NETWORKS = "policy", "networks"
+
+
+class Check(Protocol):
+    """Refuses figures that are not finite."""
+
+    def __call__(self, figures: Mapping[str, float], update: int, /) -> None: ...
+
+
+class World(Protocol):
+    """Where an agent acts: it makes environments, and says what they are."""
+
+    name: str
+    spec: WorldSpec
+    episode_length: int
+    #: The plan, for evaluation alone; ``None`` in a world that tells no ground truth.
+    layout: Layout | None
+
+    def make_env(
+        self,
+        *,
+        batch_size: int,
+        seed: int,
+        privileged: bool = False,
+        episode_length: int | None = None,
+    ) -> EnvBase:
+        """A batch of environments.
+
+        Args:
+            batch_size: number E of environments.
+            seed: of their episodes.
+            privileged: whether to add the ground truth, where there is any.
+            episode_length: decisions, instead of the world's own.
+        """
+        ...
+
+
+class Consumer:
+    """Takes every batch of an exploration: a learner, a map, a log.
+
+    A run holds a list of them, hands each batch to all in turn, and keeps their states
+    in its checkpoint. A part that is switched off is not in the list. Each method but
+    `extend` may be left as it is.
+    """
+
+    #: What it reads of a batch; collectors hand over nothing that nobody reads.
+    in_keys: Sequence[NestedKey] = ()
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        """Learn from or remember a batch ``[E, T]``; returns measurements to log."""
+        raise NotImplementedError
+
+    def updated(self) -> Collection[str]:
+        """Names of the weights that collectors should get now."""
+        return ()
+
+    def refresh(self, versions: Mapping[str, int]) -> None:
+        """Called when weights were published, with the newest version of each name."""
+
+    def write(self, folder: Path) -> None:
+        """Write its files and pictures, now and then and after the last batch."""
+
+    def finish(self, folder: Path) -> None:
+        """Called once when no more batches come."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """What another one needs to continue."""
+        return {}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue where `state_dict` was taken."""
+
+
+class RewardMethod(Consumer):
+    """What an explorer is rewarded for. One file of ``toponav/methods/rewards`` each.
+
+    It is built by the learning process, where it learns from batches, and by each
+    collecting process, where `make_transforms` puts it into the environments; there
+    its `modules` are filled with published weights.
+    """
+
+    #: The schema of its settings.
+    schema: ClassVar[type[RewardConfig]]
+    #: Whether it cannot do without a TC-network, and pre-trains one if none is given.
+    needs_networks: ClassVar[bool] = False
+    #: Whether its transforms write the embedding of each view.
+    embeds: ClassVar[bool] = False
+    #: The column of ``episodes.csv`` by which the best policy is chosen; ``None`` if
+    #: rewards of different times cannot be compared, and the last policy is kept.
+    selection_metric: ClassVar[str | None] = "intrinsic_return"
+    #: Key of the reward that the explorer learns from.
+    reward_key: NestedKey
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        return {}
+
+    def modules(self) -> dict[str, nn.Module]:
+        """What collecting processes need of it, by the name it is published under."""
+        return {}
+
+    def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
+        """The transforms that write the reward, for one batch of environments."""
+        return []
+
+    def episode_sums(self) -> dict[str, NestedKey]:
+        """Columns of ``episodes.csv`` to the keys summed over an episode."""
+        return {"intrinsic_return": self.reward_key}
+
+    def episode_ends(self) -> dict[str, NestedKey]:
+        """Columns of ``episodes.csv`` to keys of an episode's last decision."""
+        return {}

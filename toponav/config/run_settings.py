@@ -1,0 +1,40 @@
+"""Settings of an earlier run: of its ``config.yaml`` only what is asked for is read."""
+
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from toponav.config.checks import SettingsError
+
+
+def run_setting(run: str | None, name: str) -> Any:
+    """A setting of the exploration in a run folder.
+
+    YAML writes it ``${run_setting:${run},maze.name}``.
+
+    Args:
+        run: the folder.
+        name: dotted name of the setting.
+
+    Raises:
+        SettingsError: if it is no folder of an exploration, or has no such setting.
+    """
+    if run is None:
+        raise SettingsError("run must name the folder of an exploration, got none")
+    file = Path(run) / "config" / "config.yaml"
+    if not file.is_file():
+        raise SettingsError(f"run must name the folder of an exploration, got '{run}'")
+    config = OmegaConf.load(file)
+    if not isinstance(config, DictConfig) or not {"maze", "reward"} <= config.keys():
+        raise SettingsError(
+            "run must name the folder of an exploration, got that of another recipe, "
+            f"'{run}'"
+        )
+    value = OmegaConf.select(config, name, default=_MISSING)
+    if value is _MISSING:
+        raise SettingsError(f"run must name a run with the setting {name}, got '{run}'")
+    return value
+
+
+_MISSING = object()

@@ -1,1 +1,0 @@
-"""The ViZDoom engine: art, WAD compiler, scripts, process handling."""

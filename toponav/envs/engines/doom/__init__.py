@@ -1,0 +1,10 @@
+"""The ViZDoom engine: art, level compiler, scripts, process handling."""
+
+from toponav.envs.engines.doom.game import MazeGame, prepare
+from toponav.envs.engines.doom.instances import sweep
+from toponav.envs.engines.doom.spec import CAMERA, WORLD
+from toponav.envs.game import GameEngine
+
+ENGINE = GameEngine(
+    world=WORLD, camera=CAMERA, start=MazeGame, prepare=prepare, end_strays=sweep
+)

@@ -1,0 +1,1 @@
+"""What a maze looks like: textures, paintings, marks and sprites."""

@@ -1,0 +1,250 @@
+"""One engine: a thin, safe shell around ``DoomGame``.
+
+All console commands start scripts with negative numbers: the engine drops a second
+start of a running script in the same tic unless the number is negative.
+"""
+
+import ctypes
+import os
+import threading
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toponav.envs.engines.doom import instances
+from toponav.envs.engines.doom.level.probe import check_wad, missing_engine
+from toponav.envs.engines.doom.spec import TICS_PER_DECISION, WORLD
+from toponav.envs.errors import EngineError, EngineLostError
+
+try:
+    import vizdoom
+except ImportError as error:  # the first start says what to do
+    vizdoom = None  # type: ignore[assignment]
+    _import_error = str(error)
+
+# The player cannot move during the first tics of a level.
+_FROZEN_TICS = 10
+_FIXED_POINT = 65536
+# A start takes 0.2 s, or a few seconds when dozens start at once.
+_START_SECONDS = 120.0
+# An engine whose process is not seen for so long is not going to start.
+_SECONDS_WITHOUT_PROCESS = 5.0
+# On a busy machine the process of one start in some hundred is gone before it is up.
+_STARTS = 3
+_first_start = threading.Lock()
+
+
+class Engine:
+    """Runs one map of one WAD in a process of its own, without a window.
+
+    Args:
+        wad: the compiled maze.
+        map_name: its map's lump name.
+        depth_buffer: also keep the engine's own depth picture (for tests).
+        objects: also keep a list of all things in the map (for tests).
+
+    Raises:
+        EngineError: if the engine is not installed or cannot load the map.
+    """
+
+    def __init__(
+        self,
+        wad: Path,
+        map_name: str,
+        *,
+        depth_buffer: bool = False,
+        objects: bool = False,
+    ) -> None:
+        self._wad = wad
+        self._map_name = map_name
+        self._buffers = {
+            "depth_buffer_enabled": depth_buffer,
+            "objects_info_enabled": objects,
+        }
+        self._game: vizdoom.DoomGame | None = None
+        self._start()
+
+    def _start(self) -> None:
+        if vizdoom is None:
+            raise missing_engine(_import_error)
+        with _first_start:  # one probe, however many engines start at once
+            instances.sweep()
+            check_wad(self._wad, self._map_name)
+        instances.end_engines_on_sigterm()
+        for attempt in range(1, _STARTS + 1):
+            self._folder = instances.claim()
+            self._end = weakref.finalize(self, instances.release, self._folder)
+            game = _configure(self._wad, self._map_name, self._folder)
+            for buffer, is_kept in self._buffers.items():
+                getattr(game, f"set_{buffer}")(is_kept)
+            try:
+                _init(game, self._folder)
+                break
+            except EngineError:
+                self._end()
+                if attempt == _STARTS:
+                    raise
+        instances.note_instance(self._folder, game.get_instance_id())
+        self._game = game
+        _running.add(self)
+
+    @property
+    def game(self) -> "vizdoom.DoomGame":
+        """The running engine; an ``EngineError`` if it was closed."""
+        if self._game is None:
+            raise EngineError("the engine must be running, and it was closed")
+        return self._game
+
+    def restart(self) -> None:
+        """Start again, also after the engine's process died."""
+        self.close()
+        self._start()
+
+    def close(self) -> None:
+        """End the engine and remove its files."""
+        game, self._game = self._game, None
+        if game is not None:
+            game.close()
+        self._end()
+
+    # All of the following raise EngineLostError if the engine died.
+
+    def new_episode(self) -> None:
+        """Reload the map, so that nothing of the last episode is left."""
+        with _noticing_losses():
+            self.game.new_episode()
+
+    def run_script(self, script: int, *arguments: int) -> None:
+        """Ask for a script; it runs at the start of the next tic."""
+        words = " ".join(str(argument) for argument in arguments)
+        with _noticing_losses():
+            self.game.send_game_command(f"puke -{script} {words}")
+
+    def act(self, buttons: Sequence[float], tics: int = TICS_PER_DECISION) -> None:
+        """Hold buttons for some tics: forward, backward, degrees a tic to the right."""
+        with _noticing_losses():
+            self.game.make_action(buttons, tics)
+
+    def observe(self) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """The view, uint8 ``[H, W, 3]``, and x, y, angle, apples, goals touched."""
+        with _noticing_losses():
+            state = self.game.get_state()
+        if state is None or state.screen_buffer is None or state.game_variables is None:
+            raise EngineLostError("the engine must show a view, and it has none")
+        return state.screen_buffer, state.game_variables
+
+    @property
+    def pid(self) -> int:
+        """Process number of the engine."""
+        pid = instances.engine_pid(self._folder)
+        if pid is None:
+            raise EngineLostError("the engine must be running, and it has no process")
+        return pid
+
+    def abandon(self) -> None:
+        """In a forked child: leave the parent's engine alone."""
+        game, self._game = self._game, None
+        self._end.detach()
+        if game is not None:
+            # Destroying it would wait for a thread that a fork does not copy.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(game))
+
+
+def fixed(value: float) -> int:
+    """A map coordinate as the 16.16 fixed-point number that scripts take."""
+    return round(value * _FIXED_POINT)
+
+
+def turn(degrees: float) -> int:
+    """Degrees as the 65536ths of a turn that scripts take."""
+    return round(degrees / 360.0 * _FIXED_POINT) % _FIXED_POINT
+
+
+# Those that a fork would copy.
+_running: "weakref.WeakSet[Engine]" = weakref.WeakSet()
+
+
+def _abandon_parents_engines() -> None:
+    global _first_start
+    _first_start = threading.Lock()
+    for engine in list(_running):
+        engine.abandon()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_abandon_parents_engines)
+
+
+@contextmanager
+def _noticing_losses() -> Iterator[None]:
+    try:
+        yield
+    except (
+        vizdoom.ViZDoomErrorException,
+        vizdoom.ViZDoomUnexpectedExitException,
+        vizdoom.ViZDoomIsNotRunningException,
+    ) as error:
+        raise EngineLostError(f"the engine died: {error}") from error
+
+
+def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
+    # In a thread: the engine's own ``init`` never returns if its process dies.
+    failures: list[Exception] = []
+
+    def init() -> None:
+        try:
+            game.init()
+        except Exception as error:
+            failures.append(error)
+
+    starter = threading.Thread(target=init, daemon=True, name="engine-start")
+    starter.start()
+    # Looks are counted, a second apart, and not the time between them: a machine that
+    # was suspended for a while has not given the process its chance yet.
+    looks = without_process = 0
+    starter.join(1.0)
+    while starter.is_alive():
+        looks += 1
+        found = instances.engine_pid(folder) is not None
+        without_process = 0 if found else without_process + 1
+        if looks > _START_SECONDS or without_process > _SECONDS_WITHOUT_PROCESS:
+            raise EngineError(
+                f"the engine must start within {_START_SECONDS:g} s, and it did not: "
+                "its process was ended from outside, or the machine is overloaded"
+            )
+        starter.join(1.0)
+    if failures:
+        raise EngineError(f"the engine must start, got: {failures[0]}")
+
+
+def _configure(wad: Path, map_name: str, folder: Path) -> "vizdoom.DoomGame":
+    height, width = WORLD.view_size
+    game = vizdoom.DoomGame()
+    game.set_doom_config_path(str(instances.ini_path(folder)))
+    game.set_doom_scenario_path(str(wad))
+    game.set_doom_map(map_name)
+    game.set_mode(vizdoom.Mode.PLAYER)
+    game.set_window_visible(False)
+    game.set_sound_enabled(False)
+    resolution = getattr(vizdoom.ScreenResolution, f"RES_{width}X{height}")
+    game.set_screen_resolution(resolution)
+    game.set_screen_format(vizdoom.ScreenFormat.RGB24)
+    for option in (
+        *("hud", "crosshair", "weapon", "messages", "decals", "particles"),
+        *("effects_sprites", "corpses", "screen_flashes"),
+    ):
+        getattr(game, f"set_render_{option}")(False)
+    button, variable = vizdoom.Button, vizdoom.GameVariable
+    game.set_available_buttons(
+        [button.MOVE_FORWARD, button.MOVE_BACKWARD, button.TURN_LEFT_RIGHT_DELTA]
+    )
+    pose = (variable.POSITION_X, variable.POSITION_Y, variable.ANGLE)
+    game.set_available_game_variables([*pose, variable.USER1, variable.USER2])
+    game.set_episode_start_time(_FROZEN_TICS)
+    game.set_episode_timeout(0)  # our own clock ends episodes
+    game.add_game_args("+movebob 0")
+    return game

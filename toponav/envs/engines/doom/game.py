@@ -1,0 +1,160 @@
+"""One maze on one engine: scenes go in, decisions come out."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toponav.envs.engines.doom import instances
+from toponav.envs.engines.doom.engine import Engine, fixed, turn
+from toponav.envs.engines.doom.level import acs
+from toponav.envs.engines.doom.level.compile import compile_maze
+from toponav.envs.engines.doom.level.udmf import slot_tag
+from toponav.envs.engines.doom.level.wad_cache import wad_file
+from toponav.envs.engines.doom.spec import (
+    ACTIONS,
+    CELL_SIZE,
+    PLAYER_RADIUS,
+    STEP_LENGTH,
+    TICS_PER_DECISION,
+    WORLD,
+)
+from toponav.envs.errors import EngineError
+from toponav.envs.game import Look
+from toponav.envs.layout import Layout
+from toponav.envs.scene import Pose, Scene
+
+_BUTTONS = tuple(list(buttons) for buttons in ACTIONS.values())
+_NO_BUTTONS = [0.0, 0.0, 0.0]
+
+
+def prepare(layout: Layout, look: Look) -> None:
+    """Compile a maze once, before all games ask for it at the same time."""
+    compile_maze(layout, look)
+    # Here, because the games' threads must not touch signals.
+    instances.end_engines_on_sigterm()
+
+
+class MazeGame:
+    """Plays episodes of one maze on ViZDoom; see `toponav.envs.game.Game`.
+
+    The arguments are the maze, how it is decorated, and those of ``Engine`` for tests.
+    """
+
+    pixels: NDArray[np.uint8]
+    pose: Pose
+    scene: Scene
+
+    def __init__(
+        self,
+        layout: Layout,
+        look: Look = Look(),  # noqa: B008 (immutable)
+        *,
+        depth_buffer: bool = False,
+        objects: bool = False,
+    ) -> None:
+        self.layout = layout
+        maze = compile_maze(layout, look)
+        self.engine = Engine(
+            wad_file(maze), maze.map_name, depth_buffer=depth_buffer, objects=objects
+        )
+        self.reward = 0.0
+        self.respawned = False
+        self.closed: set[str] = set()
+        self._to_close: set[str] = set()
+        self._apples = self._goals = 0.0
+
+    def reset(self, scene: Scene) -> None:
+        """Start an episode; an ``EngineError`` if the agent does not stand there."""
+        self.scene = scene
+        self.engine.new_episode()
+        self.closed = set(scene.blocked)
+        self._to_close = set()
+        for letter in scene.blocked:
+            self.engine.run_script(acs.CLOSE_SLOT, slot_tag(self.layout, letter))
+        for number, (x, y) in enumerate(scene.apples):
+            apple = (fixed(x), fixed(y), acs.APPLE_TID + number)
+            self.engine.run_script(acs.SPAWN_APPLE, *apple)
+        if scene.goal is not None:
+            x, y = scene.goal
+            self.engine.run_script(acs.SPAWN_GOAL, fixed(x), fixed(y))
+            self._send_respawn()
+        self.place(scene.start)
+        self._apples = self._goals = self.reward = 0.0
+        self.respawned = False
+        if math.dist(self.pose[:2], scene.start[:2]) > 1.0:
+            raise EngineError(
+                f"the agent must start at {scene.start}, the engine put it at "
+                f"{self.pose}"
+            )
+
+    def place(self, pose: Pose) -> None:
+        """Put the agent at a pose; costs one engine tic, not a decision."""
+        self.engine.run_script(acs.PLACE_PLAYER, *_script_pose(pose))
+        self.engine.act(_NO_BUTTONS, tics=1)
+        self._observe()
+
+    def step(self, action: int) -> None:
+        """Take one decision: hold an action's buttons for its tics."""
+        if self._to_close:
+            self._close_clear_slots()
+        self.engine.act(_BUTTONS[action])
+        apples, goals = self._observe()
+        assert WORLD.apple_reward is not None
+        assert WORLD.goal_reward is not None
+        self.reward = WORLD.apple_reward * (apples - self._apples)
+        self.respawned = goals != self._goals
+        if self.respawned:
+            self.reward += WORLD.goal_reward * (goals - self._goals)
+            self._send_respawn()
+        self._apples, self._goals = apples, goals
+
+    def set_slot(self, letter: str, *, closed: bool) -> None:
+        """Close or open a slot; takes effect with the next decision.
+
+        A slot closes only when the agent is clear of its cell: a rising floor would
+        lift the agent over the walls.
+        """
+        if closed:
+            self.layout.check_slots({*self.closed, *self._to_close, letter})
+            if letter not in self.closed:
+                self._to_close.add(letter)
+            return
+        self.layout.check_slots({letter})
+        self._to_close.discard(letter)
+        if letter in self.closed:
+            self.closed.remove(letter)
+            self.engine.run_script(acs.OPEN_SLOT, slot_tag(self.layout, letter))
+
+    @property
+    def pid(self) -> int:
+        return self.engine.pid
+
+    def restart(self) -> None:
+        self.engine.restart()
+
+    def close(self) -> None:
+        self.engine.close()
+
+    def _observe(self) -> tuple[float, float]:
+        self.pixels, variables = self.engine.observe()
+        x, y, heading, apples, goals = variables.tolist()
+        self.pose = Pose(x, y, heading)
+        return apples, goals
+
+    def _send_respawn(self) -> None:
+        self.engine.run_script(acs.SET_RESPAWN, *_script_pose(self.scene.next_start()))
+
+    def _close_clear_slots(self) -> None:
+        # Scripts run after the tic's move, so the agent comes one tic nearer.
+        reach = CELL_SIZE / 2 + PLAYER_RADIUS + STEP_LENGTH / TICS_PER_DECISION + 1
+        for letter in sorted(self._to_close):
+            x, y = self.layout.centre(self.layout.slots[letter], CELL_SIZE)
+            if max(abs(self.pose.x - x), abs(self.pose.y - y)) >= reach:
+                self._to_close.remove(letter)
+                self.closed.add(letter)
+                self.engine.run_script(acs.CLOSE_SLOT, slot_tag(self.layout, letter))
+
+
+def _script_pose(pose: Pose) -> tuple[int, int, int]:
+    return fixed(pose.x), fixed(pose.y), turn(pose.heading)

@@ -1,0 +1,182 @@
+"""Bookkeeping of engine processes, so that none outlives its owner.
+
+An engine is a process of its own. It ends with its ``DoomGame``, but not when a signal
+kills Python: then it keeps running, with three files in shared memory. So each engine
+has a private folder that names its owner. The next start sweeps the folders of dead
+owners; SIGTERM ends the engines first.
+"""
+
+import atexit
+import json
+import os
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from itertools import product
+from pathlib import Path
+from types import FrameType
+
+import psutil
+
+# The engine writes these sections if they are missing, and then also a folder
+# into the working directory; several at once fail over it.
+_INI = "".join(
+    f"[{game}.AutoExec]\n" for game in ("Doom", "Heretic", "Hexen", "Strife", "Chex")
+)
+_OWNER_FILE = "owner.json"
+# A folder is made under a name that begins so; if it keeps it, its maker was killed.
+_HALF_MADE = ".new-"
+_HALF_MADE_SECONDS = 600.0
+#: Where the engines keep their shared memory (Linux).
+SHARED_MEMORY = Path("/dev/shm")
+_SHARED_MEMORY_PREFIXES = ("ViZDoomSM", "ViZDoomMQCtr", "ViZDoomMQDoom")
+
+_mine: set[Path] = set()
+# Reentrant: the SIGTERM handler may interrupt whoever holds it.
+_lock = threading.RLock()
+
+
+def registry() -> Path:
+    """The folder that holds one folder per engine of this user on this machine."""
+    user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+    # Process numbers mean nothing outside their namespace (containers may share
+    # the temporary folder), so each namespace has a registry of its own.
+    namespace = Path("/proc/self/ns/pid")
+    mark = namespace.stat().st_ino if namespace.exists() else 0
+    return Path(tempfile.gettempdir()) / f"toponav-{user}" / f"engines-{mark}"
+
+
+def claim() -> Path:
+    """Make a private folder for one engine, owned by this process."""
+    parent = registry()
+    parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    # Written under another name first: a sweep must never see it half made.
+    folder = Path(tempfile.mkdtemp(prefix=_HALF_MADE, dir=parent))
+    owner = {"pid": os.getpid(), "started": _started(os.getpid())}
+    (folder / _OWNER_FILE).write_text(json.dumps(owner))
+    ini_path(folder).write_text(_INI)
+    folder = folder.rename(parent / folder.name.removeprefix(_HALF_MADE))
+    with _lock:
+        _mine.add(folder)
+    return folder
+
+
+def ini_path(folder: Path) -> Path:
+    """The engine's private configuration file in a claimed folder."""
+    return folder / "engine.ini"
+
+
+def note_instance(folder: Path, instance_id: str) -> None:
+    """Record the engine's own instance number, which names its shared memory."""
+    (folder / "instance").write_text(instance_id)
+
+
+def release(folder: Path) -> None:
+    """End an engine and remove all it left, if this process (still) owns the folder.
+
+    A forked child must not end its parent's engines.
+    """
+    with _lock:
+        if folder not in _mine:
+            return
+        _mine.discard(folder)
+    _reap(folder)
+
+
+def sweep() -> int:
+    """Remove what engines of dead owners left; returns the number of folders."""
+    parent = registry()
+    folders = parent.iterdir() if parent.is_dir() else ()
+    dead = [folder for folder in folders if not _is_in_use(folder)]
+    for folder in dead:
+        _reap(folder)
+    return len(dead)
+
+
+def end_engines_on_sigterm() -> None:
+    """On SIGTERM, end this process's engines, then let the signal act as before.
+
+    Does nothing outside the main thread or where somebody else handles SIGTERM.
+    """
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if in_main_thread and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _on_sigterm)
+
+
+def _on_sigterm(number: int, _frame: FrameType | None) -> None:
+    # Not through DoomGame.close: another thread may be inside the same game.
+    _release_all()
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
+
+
+@atexit.register
+def _release_all() -> None:
+    for folder in list(_mine):
+        release(folder)
+
+
+def _forget_parents_engines() -> None:
+    global _lock
+    _mine.clear()
+    # Another thread of the parent may have held it, and it does not exist here.
+    _lock = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_parents_engines)
+
+
+def _is_in_use(folder: Path) -> bool:
+    try:
+        if folder.name.startswith(_HALF_MADE):
+            return time.time() - folder.stat().st_mtime < _HALF_MADE_SECONDS
+        owner = json.loads((folder / _OWNER_FILE).read_text())
+        return bool(_started(owner["pid"]) == owner["started"])
+    except (OSError, ValueError, KeyError, TypeError, psutil.NoSuchProcess):
+        return False
+
+
+def _started(pid: int) -> str:
+    """What tells a process from a later one of the same number."""
+    # Not psutil's wall-clock time: it moves by a second with the clock's drift,
+    # and a living owner's engines would be taken for orphans.
+    stat = Path(f"/proc/{pid}/stat")
+    if stat.exists():
+        state, *fields = stat.read_text().rpartition(")")[2].split()
+        # A zombie is dead; only its parent has not asked yet.
+        return "dead" if state in "ZX" else fields[18]
+    return str(round(psutil.Process(pid).create_time(), 1))
+
+
+def _reap(folder: Path) -> None:
+    """End the engine that uses this folder, remove its shared memory, the folder."""
+    identifiers = set()
+    with suppress(OSError, ValueError):
+        identifiers.add((folder / "instance").read_text())
+    for process, command in _engines_of(folder):
+        if "+viz_instance_id" in command:
+            identifiers.add(command[command.index("+viz_instance_id") + 1])
+        with suppress(psutil.Error):
+            process.kill()
+            process.wait(5)
+    for prefix, identifier in product(_SHARED_MEMORY_PREFIXES, identifiers):
+        with suppress(OSError, ValueError):
+            (SHARED_MEMORY / f"{prefix}{identifier}").unlink()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _engines_of(folder: Path) -> list[tuple[psutil.Process, list[str]]]:
+    """Processes whose command line names the folder's configuration file."""
+    config = str(ini_path(folder))
+    processes = psutil.process_iter(["cmdline"])
+    commands = ((process, process.info["cmdline"] or []) for process in processes)
+    return [(process, command) for process, command in commands if config in command]
+
+
+def engine_pid(folder: Path) -> int | None:
+    """Process number of the engine that uses a claimed folder, if one does."""
+    return next((int(process.pid) for process, _ in _engines_of(folder)), None)

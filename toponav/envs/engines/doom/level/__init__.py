@@ -1,0 +1,1 @@
+"""From a layout to a level file that the engine loads."""

@@ -1,0 +1,45 @@
+"""The numbers of the mazes on ViZDoom; nobody else holds them."""
+
+from toponav.envs.game import Camera
+from toponav.worlds import Motion, WorldSpec
+
+TICS_PER_DECISION = 4
+#: Map units of a cell's side, of a decision forward at full speed (the first one after
+#: a stop has 22.6), and of the walls' height, to which a closed slot's floor rises.
+CELL_SIZE = 128
+STEP_LENGTH = 33.1
+ROOM_HEIGHT = 128
+#: Degrees that one turning decision turns by.
+TURN_ANGLE = 20.0
+#: The agent is a square of twice this side, in map units; its eye is so high.
+PLAYER_RADIUS = 16
+EYE_HEIGHT = 48
+
+_TURN_PER_TIC = TURN_ANGLE / TICS_PER_DECISION
+#: The six actions in the paper's order, and what they hold for all tics of a decision:
+#: forward, backward, degrees per tic to the right.
+ACTIONS = {
+    "forward": (1.0, 0.0, 0.0),
+    "backward": (0.0, 1.0, 0.0),
+    "left": (0.0, 0.0, -_TURN_PER_TIC),
+    "right": (0.0, 0.0, _TURN_PER_TIC),
+    "forward+left": (1.0, 0.0, -_TURN_PER_TIC),
+    "forward+right": (1.0, 0.0, _TURN_PER_TIC),
+}
+
+WORLD = WorldSpec(
+    view_size=(120, 160),
+    actions=tuple(ACTIONS),
+    tics_per_decision=TICS_PER_DECISION,
+    motion=Motion(cell_size=CELL_SIZE, step=STEP_LENGTH, turn=TURN_ANGLE),
+    goal_reward=10.0,
+    apple_reward=1.0,
+)
+#: 90 degrees across; down, 60 pixels at a focal length of 96, since the engine's pixels
+#: are 1.2 times as high as wide.
+CAMERA = Camera(
+    eye_height=EYE_HEIGHT,
+    wall_height=ROOM_HEIGHT,
+    tan_across=1.0,
+    tan_down=60.0 / 96.0,
+)

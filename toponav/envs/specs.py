@@ -1,0 +1,49 @@
+"""What the batched environments have in common: specs, masks and seeds of rows."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import Binary, Bounded, Categorical, Composite, TensorSpec, Unbounded
+from torchrl.envs import EnvBase
+
+from toponav.worlds import WorldSpec
+
+
+def set_world(
+    env: EnvBase, world: WorldSpec, observations: Mapping[str, TensorSpec] | None = None
+) -> None:
+    """Give an environment a world, its specs, and those of other ``observations``."""
+    shape, device = env.batch_size, env.device
+    env.world = world
+    view = (*shape, *world.view_size, 3)
+    env.observation_spec = Composite(
+        pixels=Bounded(0, 255, view, dtype=torch.uint8, device=device),
+        **(observations or {}),
+        shape=shape,
+        device=device,
+    )
+    env.action_spec = Categorical(world.num_actions, shape=shape, device=device)
+    env.reward_spec = Unbounded((*shape, 1), device=device)
+    flag = Binary(1, (*shape, 1), dtype=torch.bool, device=device)
+    env.done_spec = Composite(
+        {key: flag.clone() for key in ("done", "terminated", "truncated")},
+        shape=shape,
+        device=device,
+    )
+
+
+def masked_rows(tensordict: TensorDictBase | None, key: str, size: int) -> list[int]:
+    """The rows that a mask (``_reset``, ``_step``) asks for; all without one."""
+    mask = None if tensordict is None else tensordict.get(key, None)
+    if mask is None:
+        return list(range(size))
+    rows: list[int] = np.flatnonzero(mask.cpu().numpy()).tolist()
+    return rows
+
+
+def episode_streams(seed: int | None, size: int) -> list[np.random.Generator]:
+    """A stream of episodes for each row; ``None`` draws a seed."""
+    sequences = np.random.SeedSequence(seed).spawn(size)
+    return [np.random.default_rng(sequence) for sequence in sequences]

@@ -1,0 +1,1 @@
+"""From a map and a picture of the goal to actions."""

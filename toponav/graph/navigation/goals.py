@@ -1,0 +1,87 @@
+"""`GoalNodes`: which waypoints stand for each agent's goal."""
+
+import torch
+from torch import Tensor
+
+from toponav.graph.navigation.localiser import Localiser
+
+
+class GoalNodes:
+    """The waypoints most similar to each agent's goal views, as a set of targets.
+
+    One view is now and then mapped to a wrong place, of several seldom all are. A view
+    that passes no waypoint's ``tc_reach`` counts only if the agent's others do not
+    either. A waypoint where the agent waits for the goal ``patience`` decisions in vain
+    is *dropped* until the episode ends; when all are dropped, the one dropped first
+    comes back.
+
+    Reference:
+        The paper, "Goal reaching process": "target localization is performed only once
+        at the beginning of an episode".
+    """
+
+    #: int64 ``[N, V]``; the waypoint of each of the V views of N agents.
+    nodes: Tensor
+    #: float32 ``[N, V, D]``, of the views.
+    embeddings: Tensor
+    #: bool ``[N, V]``; whether the view is like its waypoint.
+    counts: Tensor
+
+    def __init__(self, *, patience: int | None = 20) -> None:
+        self.patience = patience
+        self.resize(0, 1, 1)
+
+    def resize(self, num_agents: int, num_views: int, length: int) -> None:
+        """Begin with N agents that have no goal, and embeddings of ``length`` D."""
+        shape = (num_agents, num_views)
+        self.nodes = torch.zeros(shape, dtype=torch.int64)
+        self.embeddings = torch.zeros(*shape, length)
+        self.counts = torch.zeros(shape, dtype=torch.bool)
+        self._waited = torch.zeros(shape, dtype=torch.int64)
+        # When each was dropped, counted in drops; 0 for one that was not.
+        self._dropped = torch.zeros(shape, dtype=torch.int64)
+
+    @property
+    def active(self) -> Tensor:
+        """Which of ``nodes`` are targets now, bool ``[N, V]``."""
+        return self.counts & (self._dropped == 0)
+
+    def begin(self, agents: Tensor, embedding: Tensor, localiser: Localiser) -> None:
+        """Localise the goal views ``[n, V, D]`` of n agents that begin an episode."""
+        nodes, similarity = localiser.nearest(embedding.flatten(0, 1))
+        similarity = similarity.reshape(embedding.shape[:2])
+        passes = similarity > localiser.rules.tc_reach
+        most = similarity == similarity.max(1, keepdim=True).values
+        self.nodes[agents] = nodes.reshape(embedding.shape[:2])
+        self.embeddings[agents] = embedding.cpu()
+        self.counts[agents] = torch.where(passes.any(1, keepdim=True), passes, most)
+        self._waited[agents] = 0
+        self._dropped[agents] = 0
+
+    def wait(self, place: Tensor) -> Tensor:
+        """Count decisions ``[N]`` at the goal's waypoints, and drop those in vain.
+
+        Returns the agents whose targets changed, bool ``[N]``.
+        """
+        here = self.active & (self.nodes == place.unsqueeze(1))
+        self._waited += here
+        if self.patience is None:
+            return torch.zeros(len(place), dtype=torch.bool)
+        late = here & (self._waited >= self.patience)
+        if late.any():
+            self._dropped[late] = self._dropped.max() + 1
+            self._waited[late] = 0
+            empty = ~self.active.any(1)
+            first = self._dropped.masked_fill(~self.counts, self._dropped.max() + 1)
+            is_first = first == first.min(1, keepdim=True).values
+            self._dropped[empty.unsqueeze(1) & is_first] = 0
+        return late.any(1)
+
+    def restart(self, agents: Tensor) -> None:
+        self._waited[agents] = 0
+
+    def view_at(self, place: Tensor) -> Tensor:
+        """The goal view of each agent that is at its goal, ``[N, D]``."""
+        here = self.active & (self.nodes == place.unsqueeze(1))
+        at = here.int().argmax(1)
+        return self.embeddings[torch.arange(len(at)), at]

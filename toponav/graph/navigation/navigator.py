@@ -1,0 +1,265 @@
+"""`Navigator`: a policy that walks to goal views over a topological map."""
+
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from toponav.graph.navigation.goals import GoalNodes
+from toponav.graph.navigation.localiser import Localiser, Map
+from toponav.graph.navigation.planner import Planner
+from toponav.graph.navigation.plans import Blockages, Plans
+from toponav.graph.navigation.progress import Progress
+from toponav.graph.navigation.sampler import ActionSampler
+from toponav.graph.rules import NavigatorRules
+from toponav.graph.waypoints import Compare, Embed
+from toponav.keys import (
+    ACTION,
+    CUT_FROM,
+    CUT_TO,
+    GOAL_NODE,
+    GOAL_VIEWS,
+    IS_INIT,
+    LOST,
+    NUM_CUTS,
+    PATH_COST,
+    PIXELS,
+    PLACE,
+    PREVIOUS_REWARD,
+    TARGET,
+)
+
+#: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
+Locomotion = Callable[[Tensor, Tensor], Tensor]
+
+_DECIDED = [PLACE, TARGET, GOAL_NODE, PATH_COST, NUM_CUTS, CUT_FROM, CUT_TO, LOST]
+_OUT_KEYS = [ACTION, *_DECIDED]
+
+
+class Navigator(TensorDictModuleBase):
+    """Localises itself on a map, plans a path to the goal, and walks it view by view.
+
+    In each decision, for every env of the batch by itself, by `NavigatorRules`:
+
+    1. *localise*: the waypoint most similar to the view, of the path if possible, else
+       near the last place, else anywhere (`Localiser`); if there is none, the agent is
+       lost and acts at random for ``lost_for`` decisions before it looks again;
+    2. *plan*: the cheapest path to the nearest of the waypoints that stand for the goal
+       (`GoalNodes`, `Planner`), around the edges that were closed;
+    3. *aim*: at the farthest of the next ``lookahead`` waypoints of the path that is
+       reachable, by a similarity above ``tc_reach`` and not over a closed edge, else
+       at the next one; at the goal's own waypoint, at the goal view;
+    4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
+    5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
+       that would lead on from where it got, and the longer it is stuck, the more of
+       the edges nearby that lead as near to the goal (`Blockages`); it plans again at
+       once, and looks for its place off the path too. If no path is left, the oldest
+       cut opens again.
+
+    A reward of ``goal_reward`` means that the agent has been put elsewhere: it forgets
+    its place and looks at the whole map. Closed edges and dropped goal waypoints stay
+    until the episode ends.
+
+    It is a policy for any TorchRL collector or rollout, with any batch shape. It keeps
+    its state itself, one row an env, and resets it where ``is_init`` is true, so one
+    object must not serve two collectors. A new version of the map resets all rows. It
+    reads no privileged key. The callables are not its submodules: they are neither
+    moved nor saved with it, get no gradient and must be in ``eval()`` mode.
+
+    Reference:
+        The paper, "Navigation implementation", Figs. 10 and 11, eq. 15.
+
+    Args:
+        map: such as a `TopologicalMap`, not empty.
+        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
+        compare: embeddings ``[N, D]`` and prepared waypoints ``[N, M, P]`` to
+            similarities ``[N, M]`` in [0, 1].
+        locomotion: embeddings here and there to logits of the actions that lead there.
+        rules: how it finds its place, plans, walks and gives up.
+        goal_reward: a reward of at least this much means that the goal was reached;
+            ``None`` if that ends the episode or never happens: no reward is then read.
+        in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
+            ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
+            and, with a ``goal_reward``, of the reward before (`PreviousReward`).
+        out_keys: of the action, int64 ``[*B]``, and of what was decided, each
+            ``[*B, 1]``: place, target, goal waypoint, cost of the path, number of cuts,
+            both ends of a cut made now, and whether the agent is lost.
+        seed: of the actions drawn.
+    """
+
+    def __init__(
+        self,
+        map: Map,
+        embed: Embed,
+        compare: Compare,
+        locomotion: Locomotion,
+        rules: NavigatorRules,
+        *,
+        goal_reward: float | None = None,
+        in_keys: Sequence[NestedKey] | None = None,
+        out_keys: Sequence[NestedKey] | None = None,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        wanted = [PIXELS, GOAL_VIEWS, IS_INIT]
+        if goal_reward is not None:
+            wanted.append(PREVIOUS_REWARD)
+        self.in_keys = wanted if in_keys is None else list(in_keys)
+        self.out_keys = list(_OUT_KEYS if out_keys is None else out_keys)
+        if len(self.in_keys) != len(wanted) or len(self.out_keys) != len(_OUT_KEYS):
+            raise ValueError(
+                f"in_keys must be {len(wanted)} and out_keys {len(_OUT_KEYS)}, got "
+                f"{self.in_keys} and {self.out_keys}"
+            )
+        self.map = map
+        self.embed = embed
+        self.locomotion = locomotion
+        self.rules = rules
+        self.goal_reward = goal_reward
+        self.localiser = Localiser(map, compare, rules)
+        self.goals = GoalNodes(patience=rules.goal_patience)
+        self.progress = Progress(patience=rules.block_after)
+        self.sampler = ActionSampler(
+            temperature=rules.temperature,
+            mask_noop_actions=rules.mask_noop_actions,
+            seed=seed,
+        )
+        # Number of agents and version of the map that the state is for.
+        self._made_for: tuple[int, int] | None = None
+
+    def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
+        planner = Planner(self.map.num_waypoints, self.map.edges, self.map.edge_cost)
+        self.blockages = Blockages(
+            num_agents, len(planner.edges), fade_after=self.rules.fade_after
+        )
+        self.plans = Plans(planner, self.goals, self.blockages)
+        self.localiser.resize(num_agents)
+        self.goals.resize(num_agents, num_goal_views, length)
+        self.progress.resize(num_agents)
+        self.sampler.resize(num_agents)
+        # Decisions for which an agent still acts at random.
+        self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
+        # Who closed an edge in the decision before.
+        self._gave_up = torch.zeros(num_agents, dtype=torch.bool)
+        self._made_for = (num_agents, self.map.version)
+
+    @torch.no_grad()
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        data = tensordict.select(*self.in_keys).reshape(-1)
+        views, goal_views, is_init = (data[key] for key in self.in_keys[:3])
+        embedding = self.embed(views).float()
+        begins = is_init.reshape(-1).cpu()
+        if self._made_for != (len(data), self.map.version):
+            self._resize(len(data), goal_views.shape[1], embedding.shape[1])
+            begins = torch.ones_like(begins)
+        self._begin(begins, goal_views)
+        moved = begins
+        if self.goal_reward is not None:
+            reward = data[self.in_keys[3]].reshape(-1).cpu()
+            moved = begins | (reward >= self.goal_reward)
+        self._restart(moved)
+
+        place = self._locate(embedding)
+        changed = begins | self.blockages.pass_decision() | self.goals.wait(place)
+        self.plans.plan(changed.nonzero().flatten().tolist())
+        self.progress.restart(changed)
+        place, target = self._aim(place, embedding)
+        cut = self._give_up(place)
+        self._gave_up = (cut >= 0).any(1)
+        if self._gave_up.any():
+            place, target = self._aim(place, embedding)
+        action = self._act(place, target, embedding)
+        return self._write(tensordict, action, place, target, cut)
+
+    def _begin(self, begins: Tensor, goal_views: Tensor) -> None:
+        agents = begins.nonzero().flatten()
+        if not len(agents):
+            return
+        views = goal_views[agents.to(goal_views.device)]
+        embedding = self.embed(views.flatten(0, 1)).float()
+        self.goals.begin(
+            agents, embedding.unflatten(0, views.shape[:2]), self.localiser
+        )
+        self.blockages.clear(begins)
+
+    def _restart(self, agents: Tensor) -> None:
+        """These agents, bool ``[N]``, have been put elsewhere."""
+        self.localiser.forget(agents)
+        self.progress.forget(agents)
+        self.goals.restart(agents)
+        self.sampler.forget(agents)
+        self._lost_left[agents] = 0
+
+    def _locate(self, embedding: Tensor) -> Tensor:
+        place = self.localiser.locate(embedding, self._path())
+        self._lost_left = (self._lost_left - 1).clamp(min=0)
+        turns_lost = (place < 0) & (self._lost_left == 0)
+        self._lost_left[turns_lost] = self.rules.lost_for
+        return place.masked_fill(self._lost_left > 0, -1)
+
+    def _path(self) -> Tensor | None:
+        """The path ahead of each agent, int64 ``[N, follow]``, -1 without one."""
+        if not self.rules.follow:
+            return None
+        last = self.localiser.place
+        path = self.plans.ahead(last, self.rules.follow)
+        leaves = self._gave_up | self.plans.cost(last).isinf()
+        return path.masked_fill(leaves.unsqueeze(1), -1)
+
+    def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
+        """Find a path for everyone, and the waypoint of it to walk to, int64 ``[N]``.
+
+        Both are -1 for an agent without a path to the goal, even with all cuts open, so
+        that it acts as if it were lost. The target is the place itself at the goal.
+        """
+        self.plans.open_up(place)
+        place = place.masked_fill(self.plans.cost(place).isinf(), -1)
+        path = self.plans.ahead(place, self.rules.lookahead)
+        reachable = self.localiser.similarity(embedding, path) > self.rules.tc_reach
+        reachable &= ~self.plans.is_closed_to(place, path)
+        reachable[:, 0] = True
+        farthest = self.rules.lookahead - 1 - reachable.flip(1).int().argmax(1)
+        target = path.gather(1, farthest.unsqueeze(1)).squeeze(1)
+        return place, target.masked_fill(place < 0, -1)
+
+    def _give_up(self, place: Tensor) -> Tensor:
+        """Close what does not lead on; the ends of the edge that failed, or -1."""
+        stuck = self.progress.watch(place, self.plans.cost(place))
+        ends = torch.full((len(place), 2), -1)
+        for agent in stuck.nonzero().flatten().tolist():
+            node, level, reach = self.progress.give_up(agent)
+            ends[agent] = torch.tensor([node, self.plans.onward(agent, node)])
+            self.plans.close(agent, node, level, hops=min(reach, self.rules.hops))
+        return ends
+
+    def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
+        there = self.map.embeddings[target.clamp(min=0)].float().cpu()
+        at_goal = (place >= 0) & (place == target)
+        there = torch.where(at_goal.unsqueeze(1), self.goals.view_at(place), there)
+        logits = self.locomotion(embedding, there.to(embedding.device))
+        return self.sampler.draw(logits.float().cpu(), place >= 0, embedding.cpu())
+
+    def _write(
+        self,
+        tensordict: TensorDictBase,
+        action: Tensor,
+        place: Tensor,
+        target: Tensor,
+        cut: Tensor,
+    ) -> TensorDictBase:
+        decided = (
+            place,
+            target.masked_fill(target == place, -1),
+            self.plans.end(place),
+            self.plans.cost(place).float(),
+            self.blockages.num_cuts,
+            *cut.unbind(1),
+            place < 0,
+        )
+        shape, device = tensordict.batch_size, tensordict.device
+        tensordict.set(self.out_keys[0], action.reshape(shape).to(device))
+        for key, value in zip(self.out_keys[1:], decided, strict=True):
+            tensordict.set(key, value.reshape(*shape, 1).to(device))
+        return tensordict

@@ -1,0 +1,85 @@
+"""`Progress`: whether each agent comes nearer to its goal."""
+
+import torch
+from torch import Tensor
+
+#: One in so many costs of a window may be below the level that counts as reached: some
+#: places are mistaken, and a few mistakes must not count.
+_MISTAKEN = 8
+# A cut is soon after another within so many times the patience.
+_SOON = 2
+
+
+class Progress:
+    """Watches the remaining cost of each agent's path over its last decisions.
+
+    An agent is *stuck* once the second half of its last ``patience`` decisions brought
+    it no nearer to the goal than the first half, by the median of the remaining cost.
+    Medians, since an agent mistakes its place now and then. It does not matter which
+    edge was tried: an agent before a closed corridor stands at many waypoints in turn.
+
+    Most agents that are stuck only fail to turn a corner, for which it is enough to
+    give up one edge. The *reach* of a cut therefore grows with each that comes soon
+    after another: 0, 1, 3, 7 and so on edges around the place.
+
+    Reference:
+        The paper, "Goal reaching process": "if the goal is not reached within a certain
+        number of time steps". Here it is counted from each new plan, since the whole
+        path to a goal takes longer than it takes to be sure of one blockage.
+    """
+
+    def __init__(self, *, patience: int | None = 40) -> None:
+        self.patience = patience
+        self.resize(0)
+
+    def resize(self, num_agents: int) -> None:
+        length = self.patience or 1
+        # The last decisions with a path to the goal, the newest last.
+        self._cost = torch.zeros(num_agents, length, dtype=torch.float64)
+        self._place = torch.full((num_agents, length), -1)
+        self._count = torch.zeros(num_agents, dtype=torch.int64)
+        # Reach of the next cut, if it comes soon after the last one.
+        self._reach = torch.zeros(num_agents, dtype=torch.int64)
+        self._since_cut = torch.zeros(num_agents, dtype=torch.int64)
+
+    def restart(self, agents: Tensor) -> None:
+        """Begin to watch the agents of a mask, bool ``[N]``, as their plan is new."""
+        self._count[agents] = 0
+
+    def forget(self, agents: Tensor) -> None:
+        """Begin again with the agents of a mask, bool ``[N]``, put elsewhere."""
+        self.restart(agents)
+        self._reach[agents] = 0
+
+    def watch(self, place: Tensor, cost: Tensor) -> Tensor:
+        """Record where each agent is and what remains of its path; who is stuck.
+
+        A decision of an agent that is lost, without a path, or at the goal's waypoint
+        does not count.
+        """
+        if self.patience is None:
+            return torch.zeros(len(place), dtype=torch.bool)
+        walks = (place >= 0) & cost.isfinite() & (cost > 0)
+        row = walks.nonzero().squeeze(1)
+        for kept, new in ((self._cost, cost.double()), (self._place, place)):
+            kept[row] = torch.cat([kept[row, 1:], new[row].unsqueeze(1)], 1)
+        self._count[row] += 1
+        self._since_cut[row] += 1
+        self._reach[self._since_cut > _SOON * self.patience] = 0
+        half = self.patience // 2
+        before = self._cost[:, :half].median(1).values
+        since = self._cost[:, -half:].median(1).values
+        return walks & (self._count >= self.patience) & (since >= before)
+
+    def give_up(self, agent: int) -> tuple[int, float, int]:
+        """What an agent that is stuck gives up; its watch begins again.
+
+        Returns the waypoint where it came nearest to its goal, the remaining cost
+        there, and the reach of the cut in edges.
+        """
+        number = self._cost.shape[1] // _MISTAKEN + 1
+        nearest = self._cost[agent].kthvalue(number)
+        reach = int(self._reach[agent])
+        self._reach[agent] = 2 * reach + 1
+        self._since_cut[agent] = self._count[agent] = 0
+        return int(self._place[agent, nearest.indices]), float(nearest.values), reach

@@ -1,0 +1,20 @@
+"""The truth about a maze: what evaluation knows and no agent sees."""
+
+from toponav.ground_truth.distances import (
+    GroundTruthDistances as GroundTruthDistances,
+    cell_centres as cell_centres,
+)
+from toponav.ground_truth.goal_places import pick_goal_views as pick_goal_views
+from toponav.ground_truth.pair_truth import (
+    PairTruth as PairTruth,
+    pair_truth as pair_truth,
+)
+from toponav.ground_truth.routes import UNREACHABLE as UNREACHABLE, Routes as Routes
+from toponav.ground_truth.steering import (
+    EFFECTS as EFFECTS,
+    Steering as Steering,
+    bearing as bearing,
+    require_motion as require_motion,
+    wrap_degrees as wrap_degrees,
+)
+from toponav.ground_truth.waypoint_poses import WaypointPoses as WaypointPoses

@@ -1,0 +1,60 @@
+"""`WaypointPoses`: where a map's waypoints truly are, kept apart from the map."""
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from toponav.keys import ENV_ID, HEADING, POSITION
+
+#: Observations of earlier batches that may still become waypoints.
+_BACK = 64
+
+
+class WaypointPoses:
+    """Records the poses of a map's waypoints from the batches that the map is fed.
+
+    It is for evaluation: neither the map nor an agent reads it.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> place = {"position": torch.tensor([[[10.0, 20.0], [30.0, 40.0]]])}
+        >>> place["heading"] = torch.tensor([[[90.0], [180.0]]])
+        >>> env = torch.zeros(1, 2, 1, dtype=torch.int64)
+        >>> poses = WaypointPoses()
+        >>> poses.remember(TensorDict({"privileged": place, "env_id": env}, [1, 2]))
+        >>> poses.extend(torch.tensor([[0, 1]]))
+        >>> poses.values
+        tensor([[ 30.,  40., 180.]])
+    """
+
+    def __init__(self, poses: Tensor | None = None) -> None:
+        #: float32 ``[W, 3]``: x and y in map units, heading in degrees.
+        self.values = torch.empty(0, 3) if poses is None else poses
+        # The last poses of each environment, and how many came before them.
+        self._last: dict[int, tuple[int, Tensor]] = {}
+
+    def remember(self, data: TensorDictBase) -> None:
+        """Keep the poses of the batch ``[E, T]`` that the map is fed."""
+        poses = torch.cat([data.get(POSITION), data.get(HEADING)], -1).float().cpu()
+        envs = data.get(ENV_ID)[:, 0].flatten().tolist()
+        for env, new in zip(envs, poses, strict=True):
+            begin, old = self._last.get(env, (0, torch.empty(0, 3)))
+            begin += max(len(old) - _BACK, 0)
+            self._last[env] = begin, torch.cat([old[-_BACK:], new])
+
+    def extend(self, origins: Tensor) -> None:
+        """Look up the poses of new waypoints by the origins ``[W, 2]`` of all."""
+        new = []
+        for env, number in origins[len(self.values) :].tolist():
+            begin, poses = self._last[env]
+            if not begin <= number < begin + len(poses):
+                raise KeyError(f"observation {number} of environment {env}")
+            new.append(poses[number - begin])
+        if new:
+            self.values = torch.cat([self.values, torch.stack(new)])
+
+    def merge(self, numbers: Tensor) -> None:
+        """Keep the first pose of those that became one, by their new numbers."""
+        first = torch.full((int(numbers.max()) + 1,), len(numbers))
+        first.scatter_reduce_(0, numbers, torch.arange(len(numbers)), "amin")
+        self.values = self.values[first]

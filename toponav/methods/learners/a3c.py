@@ -1,0 +1,47 @@
+"""A3C: the paper's learner."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import torch
+from omegaconf import MISSING
+from tensordict import TensorDictBase
+
+from toponav.config import require_above_zero, require_between
+from toponav.methods.learners.actor_critic import (
+    ActorCriticConfig,
+    ActorCriticLearner,
+)
+from toponav.objectives import A3CLoss, SharedRMSProp
+
+
+@dataclass
+class A3CConfig(ActorCriticConfig):
+    """Settings of ``loss=a3c``."""
+
+    decay: float = MISSING
+    eps: float = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_between("loss.decay", self.decay, 0, 1)
+        require_above_zero("loss.eps", self.eps)
+
+
+class A3CLearner(ActorCriticLearner):
+    """One step over each batch, n-step returns, RMSProp (eqs. 1 to 4)."""
+
+    schema = A3CConfig
+    config: A3CConfig
+
+    def make_loss(self) -> A3CLoss:
+        return A3CLoss(self.policy)
+
+    def make_optimizer(self) -> torch.optim.Optimizer:
+        config = self.config
+        return SharedRMSProp(
+            self.policy.parameters(), lr=config.lr, decay=config.decay, eps=config.eps
+        )
+
+    def minibatches(self, batch: TensorDictBase) -> Iterable[TensorDictBase]:
+        return [batch]

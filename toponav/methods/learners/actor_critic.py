@@ -1,0 +1,216 @@
+"""`ActorCriticLearner`: what PPO and A3C have in common."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from omegaconf import MISSING
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torch.nn.utils import clip_grad_norm_
+from torchrl.objectives import LossModule, ValueEstimators
+
+from toponav.builders import POLICY, Check, Consumer, World
+from toponav.config import (
+    ExploreConfig,
+    LearnerConfig,
+    require,
+    require_at_least,
+    require_between,
+)
+from toponav.keys import (
+    ACTION,
+    ACTION_LOG_PROB,
+    DONE,
+    HIDDEN,
+    IS_INIT,
+    MEMORY_CELL,
+    PREVIOUS_ACTION,
+    PREVIOUS_REWARD,
+    SCALED_REWARD,
+    STATE_VALUE,
+    TERMINATED,
+)
+from toponav.modules import ActorCritic
+from toponav.objectives import ReturnScale
+
+_LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
+_LOGGED = (*_LOSSES, "entropy")
+_STATE = (PREVIOUS_ACTION, PREVIOUS_REWARD, HIDDEN, MEMORY_CELL)
+
+
+@dataclass
+class ActorCriticConfig(LearnerConfig):
+    """Settings that PPO and A3C share."""
+
+    entropy_coeff: float = MISSING
+    final_entropy: float = MISSING
+    critic_coeff: float = MISSING
+    gamma: float = MISSING
+    lmbda: float = MISSING
+    normalize_returns: bool = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("final_entropy", "gamma", "lmbda"):
+            require_between(f"loss.{name}", getattr(self, name), 0, 1)
+        for name in ("entropy_coeff", "critic_coeff"):
+            require_at_least(f"loss.{name}", getattr(self, name), 0)
+        require(
+            self.gamma < 1 or not self.normalize_returns,
+            "loss.gamma must be below 1 with loss.normalize_returns",
+            f"{self.gamma:g}",
+        )
+
+
+def make_actor_critic(settings: ExploreConfig, world: World) -> ActorCritic:
+    """The explorer's network; `PolicyConfig` says what it sees and how wide it is."""
+    policy = settings.policy
+    return ActorCritic(
+        input=policy.input,  # type: ignore[arg-type]
+        embedding_dim=settings.model.embedding_dim,
+        image_size=(policy.view_size, policy.view_size),
+        num_actions=world.spec.num_actions,
+        code_dim=policy.hidden,
+        hidden_dim=policy.hidden,
+    )
+
+
+def linear_decay(share: float, progress: float) -> float:
+    """What is left of a coefficient: from 1 in a line to ``share`` at the end.
+
+    Examples:
+        >>> linear_decay(0.2, 0.5)
+        0.6
+    """
+    return 1 - (1 - share) * min(max(progress, 0.0), 1.0)
+
+
+class ActorCriticLearner(Consumer, ABC):
+    """A policy, its loss, its optimiser and the scale of its rewards.
+
+    Args:
+        settings: of the run.
+        world: where the explorer acts.
+        reward: key of the reward to learn from.
+        check: called before every step of the optimiser with the losses and the number
+            of the update; raises if one is not finite.
+        progress: how much of the run is over, in [0, 1].
+        device: where it learns.
+    """
+
+    #: What the subclass calls its settings.
+    schema: type[ActorCriticConfig]
+
+    def __init__(
+        self,
+        settings: ExploreConfig,
+        world: World,
+        *,
+        reward: NestedKey,
+        check: Check,
+        progress: Callable[[], float],
+        device: torch.device | str = "cpu",
+    ) -> None:
+        assert isinstance(settings.loss, self.schema)
+        self.config = config = settings.loss
+        self.policy = self.make_policy(settings, world).to(device)
+        self.check = check
+        self.progress = progress
+        self.updates = 0
+        self.scale = ReturnScale(
+            settings.collect.envs,
+            gamma=config.gamma,
+            enabled=config.normalize_returns,
+            reward=reward,
+        )
+        self.loss = self.make_loss()
+        self.loss.make_value_estimator(
+            ValueEstimators.GAE, gamma=config.gamma, lmbda=config.lmbda
+        )
+        self.loss.entropy_coeff.fill_(config.entropy_coeff)
+        self.loss.critic_coeff.fill_(config.critic_coeff)
+        self.loss.set_keys(reward=SCALED_REWARD)
+        self.optimizer = self.make_optimizer()
+        later = [self.policy.view_key, *_STATE, DONE, TERMINATED, reward]
+        self.in_keys: Sequence[NestedKey] = [
+            self.policy.view_key,
+            *_STATE,
+            IS_INIT,
+            ACTION,
+            ACTION_LOG_PROB,
+            STATE_VALUE,
+            *(("next", key) for key in later),
+        ]
+
+    @staticmethod
+    def make_policy(settings: ExploreConfig, world: World) -> ActorCritic:
+        """A fresh policy; collecting processes make one too and fetch its weights."""
+        return make_actor_critic(settings, world)
+
+    @abstractmethod
+    def make_loss(self) -> LossModule:
+        """The loss of `policy`."""
+
+    @abstractmethod
+    def make_optimizer(self) -> torch.optim.Optimizer:
+        """The optimiser of `policy`."""
+
+    @abstractmethod
+    def minibatches(self, batch: TensorDictBase) -> Iterable[TensorDictBase]:
+        """The pieces of a batch ``[E, T]``, one for each step of the optimiser."""
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        """Learn from a batch ``[E, T]``, which gets the scaled reward.
+
+        Returns:
+            Means of the losses and of the policy's entropy over the batch's updates,
+            and the learning rate.
+        """
+        self._schedule()
+        device = next(self.policy.parameters()).device
+        batch = self.scale(batch).to(device)
+        measured = [self._step(piece) for piece in self.minibatches(batch)]
+        means = {
+            name: sum(one[name] for one in measured) / len(measured)
+            for name in measured[0]
+        }
+        return means | {"lr": float(self.optimizer.param_groups[0]["lr"])}
+
+    def updated(self) -> Collection[str]:
+        return (POLICY,)
+
+    def _schedule(self) -> None:
+        config, progress = self.config, self.progress()
+        for group in self.optimizer.param_groups:
+            group["lr"] = config.lr * linear_decay(config.final_lr, progress)
+        share = linear_decay(config.final_entropy, progress)
+        self.loss.entropy_coeff.fill_(config.entropy_coeff * share)
+
+    def _step(self, batch: TensorDictBase) -> dict[str, float]:
+        losses = self.loss(batch)
+        total: Tensor = sum(losses[name] for name in _LOSSES)
+        measured = {name: float(losses[name].detach()) for name in _LOGGED}
+        self.check(measured, self.updates)
+        self.optimizer.zero_grad()
+        total.backward()
+        norm = clip_grad_norm_(self.policy.parameters(), self.config.max_grad_norm)
+        self.check({"gradient_norm": float(norm)}, self.updates)
+        self.optimizer.step()
+        self.updates += 1
+        return measured
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "policy": self.policy.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "scale": self.scale.state_dict(),
+            "updates": self.updates,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        for name in ("policy", "optimizer", "scale"):
+            getattr(self, name).load_state_dict(state[name])
+        self.updates = int(state["updates"])

@@ -1,0 +1,85 @@
+"""PPO: TorchRL's clipped loss over sequences."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from omegaconf import MISSING
+from tensordict import TensorDictBase
+
+from toponav.builders import World
+from toponav.config import ExploreConfig, require, require_at_least, require_between
+from toponav.methods.learners.actor_critic import (
+    ActorCriticConfig,
+    ActorCriticLearner,
+)
+from toponav.objectives import RecurrentPPOLoss, SequenceMinibatches
+
+
+@dataclass
+class PPOConfig(ActorCriticConfig):
+    """Settings of ``loss=ppo``."""
+
+    clip_epsilon: float = MISSING
+    epochs: int = MISSING
+    minibatches: int = MISSING
+    sequence: int = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_between("loss.clip_epsilon", self.clip_epsilon, 0.001, 1)
+        for name in ("epochs", "minibatches", "sequence"):
+            require_at_least(f"loss.{name}", getattr(self, name), 1)
+        nearest = max(round(self.rollout / self.sequence), 1) * self.sequence
+        require(
+            self.rollout % self.sequence == 0,
+            f"loss.rollout must be a multiple of loss.sequence={self.sequence}",
+            f"{self.rollout} (did you mean {nearest}?)",
+        )
+
+    def check(self, num_envs: int) -> None:
+        """Refuse settings that cut a batch into more minibatches than sequences.
+
+        Raises:
+            SettingsError: if a minibatch would be empty.
+        """
+        sequences = num_envs * self.rollout // self.sequence
+        require(
+            self.minibatches <= sequences,
+            f"loss.minibatches must be at most {sequences}, the sequences of a batch",
+            self.minibatches,
+        )
+
+
+class PPOLearner(ActorCriticLearner):
+    """Several passes over a batch in minibatches of sequences, with Adam."""
+
+    schema = PPOConfig
+    config: PPOConfig
+    loss: RecurrentPPOLoss
+
+    def __init__(self, settings: ExploreConfig, world: World, **kwargs: Any) -> None:
+        super().__init__(settings, world, **kwargs)
+        config = self.config
+        self.sequences = SequenceMinibatches(
+            config.sequence, num_minibatches=config.minibatches, seed=settings.seed
+        )
+
+    def make_loss(self) -> RecurrentPPOLoss:
+        return RecurrentPPOLoss(self.policy, clip_epsilon=self.config.clip_epsilon)
+
+    def make_optimizer(self) -> torch.optim.Optimizer:
+        return torch.optim.Adam(self.policy.parameters(), lr=self.config.lr, eps=1e-5)
+
+    def minibatches(self, batch: TensorDictBase) -> Iterator[TensorDictBase]:
+        batch = self.loss.estimate_advantage(batch)
+        for _ in range(self.config.epochs):
+            yield from self.sequences(batch)
+
+    def state_dict(self) -> dict[str, Any]:
+        return super().state_dict() | {"sequences": self.sequences.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        super().load_state_dict(state)
+        self.sequences.load_state_dict(state["sequences"])

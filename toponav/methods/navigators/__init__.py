@@ -1,0 +1,72 @@
+"""Navigators. A new one is a file here and a line in `NAVIGATORS`."""
+
+from collections.abc import Iterator, Mapping
+
+from tensordict.nn import TensorDictModuleBase
+
+from toponav.builders import AgentKnowledge, GoalPlaces, GroundTruth
+from toponav.config import NavigateConfig, NavigatorConfig, require, require_choice
+from toponav.methods.navigators.method import NavigatorMethod as NavigatorMethod
+from toponav.methods.navigators.oracle import ORACLE
+from toponav.methods.navigators.random import RANDOM
+from toponav.methods.navigators.topological import (
+    TOPOLOGICAL,
+    TopologicalConfig as TopologicalConfig,
+    make_navigator as make_navigator,
+)
+
+#: By the name of their settings, ``conf/navigator/<name>.yaml``.
+NAVIGATORS = {"topological": TOPOLOGICAL, "oracle": ORACLE, "random": RANDOM}
+#: What ``evaluate.policies`` calls the one that ``navigator`` chooses.
+CHOSEN = "navigator"
+
+
+def make_policies(
+    settings: NavigateConfig, knowledge: AgentKnowledge, truth: GroundTruth
+) -> dict[str, TensorDictModuleBase]:
+    """Who plays, by name, in the order of ``evaluate.policies``.
+
+    Args:
+        settings: of the run.
+        knowledge: what the exploration left to its agent.
+        truth: about it; only methods that declare it get it.
+
+    Raises:
+        SettingsError: if a name is unknown, or is of a navigator with settings that
+            ``navigator`` does not choose.
+    """
+    given = {"world": knowledge.world, "knowledge": knowledge, "truth": truth}
+    policies = {}
+    for name in settings.evaluate.policies:
+        config = _config(name, settings)
+        method = NAVIGATORS[config.name]
+        needed = {need: given[need] for need in method.needs}
+        policies[name] = method.make(config, **needed, seed=settings.seed)
+    return policies
+
+
+def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
+    """The settings of one who plays."""
+    chosen = settings.navigator
+    if name in (CHOSEN, chosen.name):
+        return chosen
+    require_choice("evaluate.policies", name, (CHOSEN, *NAVIGATORS))
+    require(
+        NAVIGATORS[name].schema is NavigatorConfig,
+        f"evaluate.policies must name a navigator without settings beside {CHOSEN}, "
+        f"which is navigator={chosen.name}",
+        name,
+    )
+    return NavigatorConfig(name=name)
+
+
+def warn_of_goals(
+    settings: NavigateConfig,
+    policies: Mapping[str, TensorDictModuleBase],
+    places: GoalPlaces,
+) -> Iterator[str]:
+    """What navigators have to say about goals that they cannot know, in sentences."""
+    for name, policy in policies.items():
+        warn = NAVIGATORS[_config(name, settings).name].warn_of_goals
+        if warn and (sentence := warn(policy, places)):
+            yield sentence

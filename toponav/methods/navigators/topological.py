@@ -1,0 +1,155 @@
+"""The paper's navigator: localises itself on the map, plans, and walks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import torch
+from omegaconf import MISSING
+from torch import Tensor
+
+from toponav.builders import AgentKnowledge, GoalPlaces
+from toponav.config import NavigatorConfig, SettingsError, require_at_least
+from toponav.graph import Navigator, NavigatorRules
+from toponav.methods.navigators.method import NavigatorMethod
+
+_VIEWS_AT_ONCE = 64
+
+
+@dataclass
+class TopologicalConfig(NavigatorConfig):
+    """Settings of ``navigator=topological``."""
+
+    tc_reach: float | None = MISSING
+    untraversed_edge_cost: float = MISSING
+    hops: int = MISSING
+    shortlist: int | None = MISSING
+    follow: int = MISSING
+    lookahead: int = MISSING
+    temperature: float = MISSING
+    mask_noop_actions: bool = MISSING
+    block_after: int | None = MISSING
+    fade_after: int | None = MISSING
+    goal_patience: int | None = MISSING
+    lost_for: int = MISSING
+
+    def __post_init__(self) -> None:
+        require_at_least(
+            "navigator.untraversed_edge_cost", self.untraversed_edge_cost, 1
+        )
+        try:
+            self.rules(tc_reach=0.5)
+        except ValueError as error:
+            raise SettingsError(f"navigator.{error}") from error
+
+    def rules(self, *, tc_reach: float) -> NavigatorRules:
+        """The navigator's rules; ``tc_reach`` is the map's, unless it is set here."""
+        names = [one.name for one in fields(NavigatorRules)]
+        given = {name: getattr(self, name) for name in names}
+        if self.tc_reach is None:
+            given["tc_reach"] = tc_reach
+        return NavigatorRules(**given)
+
+
+@dataclass(frozen=True)
+class NavigatorMap:
+    """A map as one navigator reads it, which must not change any more; see `Map`.
+
+    Args:
+        num_waypoints: W.
+        embeddings: float32 ``[W, D]``.
+        prepared: what a comparison needs of each waypoint, ``[W, P]``.
+        edges: int64 ``[E, 2]``.
+        edge_cost: float32 ``[E, 2]``, there and back.
+        version: of the map.
+        neighbourhood: from a waypoint and a number of edges to the waypoints around.
+    """
+
+    num_waypoints: int
+    embeddings: Tensor
+    prepared: Tensor
+    edges: Tensor
+    edge_cost: Tensor
+    version: int
+    neighbourhood: Callable[[int, int], Tensor]
+
+
+def make_navigator(
+    config: TopologicalConfig, *, knowledge: AgentKnowledge, seed: int = 0
+) -> Navigator:
+    """The agent: map and networks of an exploration, and the settings of this run.
+
+    If the L-network has an encoder of its own, an embedding is that of both networks
+    side by side: the map itself has those of the TC-network alone.
+    """
+    known, tc = knowledge.map, knowledge.networks.tc
+    locomotion, length = knowledge.networks.locomotion, known.embeddings.shape[1]
+    is_shared = locomotion.encoder is tc.encoder
+
+    def embed(views: Tensor) -> Tensor:
+        embedding = tc.embed(views)
+        if is_shared:
+            return embedding
+        return torch.cat([embedding, locomotion.encoder(views)], -1)
+
+    def compare(embedding: Tensor, prepared: Tensor) -> Tensor:
+        return tc.compare_prepared(embedding[:, :length], prepared)
+
+    def act(here: Tensor, there: Tensor) -> Tensor:
+        logits: Tensor = locomotion.head(here[:, -length:], there[:, -length:])
+        return logits
+
+    embeddings = known.embeddings
+    if not is_shared:
+        with torch.no_grad():
+            parts = known.images.split(_VIEWS_AT_ONCE)
+            own = torch.cat([locomotion.encoder(part).float() for part in parts])
+        embeddings = torch.cat([embeddings, own], 1)
+    cost = torch.where(known.traversals > 0, 1.0, config.untraversed_edge_cost)
+    navigator_map = NavigatorMap(
+        num_waypoints=known.num_waypoints,
+        embeddings=embeddings,
+        prepared=known.prepared,
+        edges=known.edges,
+        edge_cost=cost.float(),
+        version=known.version,
+        neighbourhood=known.neighbourhood,
+    )
+    return Navigator(
+        navigator_map,
+        embed,
+        compare,
+        act,
+        config.rules(tc_reach=known.tc_reach),
+        goal_reward=knowledge.world.goal_reward,
+        seed=seed,
+    )
+
+
+def warn_of_goals(
+    navigator: Navigator, places: GoalPlaces, cells_only: int = 3
+) -> str | None:
+    """A sentence about goals whose pictures are like no waypoint, if there are any."""
+    views, reach = places.views, navigator.rules.tc_reach
+    embedding = navigator.embed(views.flatten(0, 1)).float()
+    _, similarity = navigator.localiser.nearest(embedding)
+    best = similarity.reshape(views.shape[:2]).max(1).values
+    unlike = (best <= reach).nonzero().flatten().tolist()
+    if not unlike:
+        return None
+    named = ", ".join(
+        f"{tuple(places.cells[at].tolist())} ({best[at]:.2f})"
+        for at in unlike[:cells_only]
+    )
+    return (
+        "a goal's pictures must be like a waypoint, with a similarity above "
+        f"{reach:.2f}, got less for {len(unlike)} of {len(best)} cells: {named}; the "
+        "most similar waypoint is taken"
+    )
+
+
+TOPOLOGICAL = NavigatorMethod(
+    schema=TopologicalConfig,
+    needs=("knowledge",),
+    make=make_navigator,
+    warn_of_goals=warn_of_goals,
+)

@@ -1,0 +1,33 @@
+"""Reward methods. A new one is a file here and a line in `REWARDS`."""
+
+from toponav.builders import Networks, RewardMethod, World
+from toponav.config import ExploreConfig
+from toponav.methods.rewards.coverage import CoverageMethod
+from toponav.methods.rewards.novelty import NoveltyMethod
+from toponav.methods.rewards.random import RandomMethod
+from toponav.methods.rewards.rnd import RNDMethod
+
+#: By the name of their settings, ``conf/reward/<name>.yaml``.
+REWARDS = {
+    "novelty": NoveltyMethod,
+    "coverage": CoverageMethod,
+    "random": RandomMethod,
+    "rnd": RNDMethod,
+}
+
+
+def make_reward(
+    settings: ExploreConfig, world: World, networks: Networks | None
+) -> RewardMethod:
+    """The reward method that the settings name.
+
+    Args:
+        settings: of the run.
+        world: where the explorer acts.
+        networks: TC-network and L-network; ``None`` in a run without, and in collecting
+            processes, which get weights by mailbox.
+
+    Raises:
+        SettingsError: if the method does not fit the world or the networks.
+    """
+    return REWARDS[settings.reward.name](settings, world, networks)

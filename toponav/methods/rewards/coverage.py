@@ -1,0 +1,41 @@
+"""Coverage: pays for cells entered for the first time, by the ground truth."""
+
+from dataclasses import dataclass
+
+from toponav.builders import Networks, RewardMethod, World
+from toponav.config import ExploreConfig, RewardConfig, require
+from toponav.keys import COVERAGE_REWARD
+
+
+@dataclass
+class CoverageConfig(RewardConfig):
+    """Settings of ``reward=coverage``."""
+
+
+class CoverageMethod(RewardMethod):
+    """An upper bound: the ground truth is the reward, never an observation.
+
+    The key is written by the ``Coverage`` transform, which every environment with
+    ground truth has.
+
+    Args:
+        settings: of the run.
+        world: where the explorer acts; it must report ground truth.
+        networks: not used.
+
+    Raises:
+        SettingsError: in a world without ground truth.
+    """
+
+    schema = CoverageConfig
+    selection_metric = "coverage"
+    reward_key = COVERAGE_REWARD
+
+    def __init__(
+        self, settings: ExploreConfig, world: World, networks: Networks | None
+    ) -> None:
+        require(
+            world.spec.has_truth,
+            "reward=coverage must be used in a world that tells poses",
+            world.name,
+        )

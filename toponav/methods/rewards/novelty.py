@@ -1,0 +1,196 @@
+"""Novelty by temporal distance: the paper's reward."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from omegaconf import MISSING
+from tensordict import NestedKey
+from torch import Tensor, nn
+from torchrl.envs.transforms import Transform
+
+from toponav.builders import (
+    NETWORKS,
+    Networks,
+    Novelty,
+    RewardMethod,
+    World,
+    make_empty_novelty,
+    network_dtype,
+)
+from toponav.config import (
+    ExploreConfig,
+    RewardConfig,
+    SettingsError,
+    require_at_least,
+    require_between,
+    require_choice,
+    require_threshold,
+)
+from toponav.keys import (
+    COUNT_REWARD,
+    INTRINSIC_REWARD,
+    IS_NEW_WAYPOINT,
+    NETWORK_PIXELS,
+    NUM_WAYPOINTS,
+    SPURIOUS_WAYPOINT,
+    TEMPORAL_DISTANCE_REWARD,
+)
+from toponav.transforms import (
+    CountReward,
+    IntrinsicReward,
+    TemporalDistanceReward,
+    WaypointMemory,
+    WaypointTruth,
+)
+
+#: A new waypoint this near to an older one, in cells, is spurious.
+_SPURIOUS_CELLS = 0.75
+#: Words that stand for a calibrated threshold, and its name among the networks'.
+_CALIBRATED = {"auto": "reward_threshold", "tc": "tc_threshold"}
+
+
+@dataclass
+class NoveltyConfig(RewardConfig):
+    """Settings of ``reward=novelty``."""
+
+    alpha: float = MISSING
+    beta: float | None = MISSING
+    threshold: str = MISSING
+    floor: float = MISSING
+    combine: str = MISSING
+    persistence: int = MISSING
+    min_gap: int = MISSING
+    count_on: str = MISSING
+    capacity: int = MISSING
+
+    def __post_init__(self) -> None:
+        require_between("reward.alpha", self.alpha, 0, 1)
+        if self.beta is not None:
+            require_at_least("reward.beta", self.beta, 0)
+        require_threshold("reward.threshold", self.threshold, tuple(_CALIBRATED))
+        require_between("reward.floor", self.floor, 0.001, 1)
+        require_choice("reward.combine", self.combine, ("exclusive", "sum"))
+        for name in ("persistence", "min_gap", "capacity"):
+            require_at_least(f"reward.{name}", getattr(self, name), 1)
+        require_choice("reward.count_on", self.count_on, ("every", "entry"))
+
+    @property
+    def weights(self) -> tuple[float, float]:
+        """Alpha and beta; a beta that is not given is 1 - alpha."""
+        return self.alpha, 1 - self.alpha if self.beta is None else self.beta
+
+
+class NoveltyMethod(RewardMethod):
+    """Known places pay by their visits (eq. 6), new ones by temporal distance (eq. 7).
+
+    Args:
+        settings: of the run.
+        world: where the explorer acts.
+        networks: the TC-network judges views, with the threshold calibrated for it.
+
+    Raises:
+        SettingsError: if the threshold should be a calibrated one and there is none.
+    """
+
+    schema = NoveltyConfig
+    needs_networks = True
+    embeds = True
+    reward_key = INTRINSIC_REWARD
+
+    def __init__(
+        self, settings: ExploreConfig, world: World, networks: Networks | None
+    ) -> None:
+        assert isinstance(settings.reward, NoveltyConfig)
+        self.config = settings.reward
+        self.motion = world.spec.motion
+        # Waypoints of running episodes are embedded again when the networks change.
+        self.keep_images = settings.online.learn
+        if networks is None:
+            self.novelty = make_empty_novelty(settings.model, world.spec)
+        else:
+            threshold = reward_threshold(networks.thresholds, self.config.threshold)
+            self.novelty = Novelty(networks.tc, threshold)
+
+    def modules(self) -> dict[str, nn.Module]:
+        return {NETWORKS: self.novelty}
+
+    def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
+        config = self.config
+        (alpha, beta), combine = config.weights, config.combine
+        transforms: list[Transform] = [
+            self.make_memory(),
+            CountReward(alpha, combine=combine),  # type: ignore[arg-type]
+            TemporalDistanceReward(
+                beta,
+                floor=config.floor,
+                combine=combine,  # type: ignore[arg-type]
+            ),
+            IntrinsicReward(combine),  # type: ignore[arg-type]
+        ]
+        if self.motion is not None:
+            distance = _SPURIOUS_CELLS * self.motion.cell_size
+            transforms.append(WaypointTruth(distance=distance))
+        return transforms
+
+    def make_memory(self) -> WaypointMemory:
+        """The episode's memory of waypoints, with this method's TC-network."""
+        config, tc = self.config, self.novelty.tc
+        dtype = network_dtype(tc)
+
+        def compare(embedding: Tensor, prepared: Tensor) -> Tensor:
+            return tc.compare_prepared(embedding.to(dtype), prepared.to(dtype))
+
+        def prepare(memory: Tensor) -> Tensor:
+            return tc.prepare_memory(memory.to(dtype)).float()
+
+        return WaypointMemory(
+            tc.embed,
+            compare,
+            prepare=prepare,
+            in_keys=[NETWORK_PIXELS],
+            capacity=config.capacity,
+            threshold=float(self.novelty.threshold),
+            persistence=config.persistence,
+            min_gap=config.min_gap,
+            count_on=config.count_on,  # type: ignore[arg-type]
+            keep_images=self.keep_images,
+        )
+
+    def episode_sums(self) -> dict[str, NestedKey]:
+        sums: dict[str, NestedKey] = {
+            "intrinsic_return": INTRINSIC_REWARD,
+            "count_return": COUNT_REWARD,
+            "temporal_distance_return": TEMPORAL_DISTANCE_REWARD,
+            "new_waypoints": IS_NEW_WAYPOINT,
+        }
+        if self.motion is not None:
+            sums["spurious_waypoints"] = SPURIOUS_WAYPOINT
+        return sums
+
+    def episode_ends(self) -> dict[str, NestedKey]:
+        return {"waypoints": NUM_WAYPOINTS}
+
+
+def reward_threshold(thresholds: Mapping[str, float], word: str) -> float:
+    """The similarity at which a view counts as known.
+
+    Args:
+        thresholds: those that were calibrated.
+        word: ``auto``, ``tc`` or a number.
+
+    Raises:
+        SettingsError: if it should be a calibrated one and there is none.
+
+    Examples:
+        >>> reward_threshold({"tc_threshold": 0.9}, "tc")
+        0.9
+    """
+    name = _CALIBRATED.get(word)
+    if name is None:
+        return float(word)
+    if name not in thresholds:
+        raise SettingsError(
+            f"reward.threshold must be a number with networks that have no calibrated "
+            f"{name}, got {word}"
+        )
+    return min(float(thresholds[name]), 0.999)

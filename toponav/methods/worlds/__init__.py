@@ -1,0 +1,37 @@
+"""Worlds: where an agent acts. A new one is a file here and a line in `WORLDS`."""
+
+from toponav.builders import World
+from toponav.config import ExploreConfig, PretrainConfig, require
+from toponav.methods.worlds.gym import GymWorld
+from toponav.methods.worlds.maze import MazeWorld
+
+#: By the name of their settings, ``conf/world/<name>.yaml``.
+WORLDS: dict[str, type[MazeWorld] | type[GymWorld]] = {
+    "maze": MazeWorld,
+    "gym": GymWorld,
+}
+
+
+def make_world(settings: ExploreConfig | PretrainConfig) -> World:
+    """The world that the settings name.
+
+    Raises:
+        SettingsError: if they name no world, or one that cannot be made.
+    """
+    return WORLDS[settings.world.name].make(settings)
+
+
+def make_worlds(settings: PretrainConfig) -> list[World]:
+    """The worlds of a pre-training: ``mazes`` names several mazes with one setting.
+
+    Raises:
+        SettingsError: as `make_world`, or if only mazes can be named.
+    """
+    world = make_world(settings)
+    if not settings.mazes:
+        return [world]
+    require(
+        isinstance(world, MazeWorld), "mazes must be empty in other worlds", world.name
+    )
+    assert isinstance(world, MazeWorld)
+    return [world.named(name) for name in settings.mazes]

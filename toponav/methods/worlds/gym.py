@@ -1,0 +1,67 @@
+"""Any Gymnasium environment with pixels and discrete actions."""
+
+from dataclasses import dataclass
+
+from omegaconf import MISSING
+from torchrl.envs import EnvBase
+
+from toponav.config import ExploreConfig, PretrainConfig, SettingsError, WorldConfig
+from toponav.envs import Layout, make_pixel_env
+from toponav.worlds import WorldSpec
+
+
+@dataclass
+class GymWorldConfig(WorldConfig):
+    """Settings of ``world=gym``."""
+
+    id: str = MISSING
+    render: bool = MISSING
+
+
+class GymWorld:
+    """A Gymnasium environment: it tells no ground truth.
+
+    Args:
+        config: which one.
+
+    Raises:
+        SettingsError: if there is no such environment, it has no pixels, or its actions
+            are not discrete.
+    """
+
+    schema = GymWorldConfig
+
+    def __init__(self, config: GymWorldConfig) -> None:
+        self.config = config
+        self.name = config.label
+        self.episode_length = config.episode_length
+        self.layout: Layout | None = None
+        env = self.make_env(batch_size=1, seed=0)
+        self.spec: WorldSpec = env.world
+        env.close()
+
+    @classmethod
+    def make(cls, settings: ExploreConfig | PretrainConfig) -> "GymWorld":
+        """The world of a recipe's settings."""
+        assert isinstance(settings.world, GymWorldConfig)
+        return cls(settings.world)
+
+    def make_env(
+        self,
+        *,
+        batch_size: int,
+        seed: int,
+        privileged: bool = False,
+        episode_length: int | None = None,
+    ) -> EnvBase:
+        """A batch of environments; ``privileged`` adds nothing here."""
+        try:
+            return make_pixel_env(
+                self.config.id,
+                batch_size=batch_size,
+                episode_length=episode_length or self.episode_length,
+                seed=seed,
+                render=self.config.render,
+            )
+        except ValueError as error:
+            raise SettingsError(f"world.id: {error}") from error

@@ -1,0 +1,168 @@
+"""The temporal correlation (TC) against the truth: `tc_report`, `TCReport`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from sklearn.metrics import balanced_accuracy_score, roc_auc_score, roc_curve
+from torch import Tensor
+
+from toponav.ground_truth import PairTruth
+
+#: Edges of the bins of distance, in cells.
+DISTANCE_CELLS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+#: Edges of the bins of decisions.
+DECISIONS = (0.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0, 30.0, 40.0, 80.0)
+#: Edges of the bins of heading difference, in degrees.
+HEADINGS = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
+_PROBABILITIES = np.linspace(0, 1, 11)
+
+
+@dataclass(frozen=True)
+class Binned:
+    """A mean per bin of another quantity, NaN in an empty one."""
+
+    edges: Tensor
+    mean: Tensor
+    count: Tensor
+
+    @property
+    def centres(self) -> Tensor:
+        return (self.edges[1:] + self.edges[:-1]) / 2
+
+
+def binned_mean(value: Tensor, by: Tensor, edges: ArrayLike) -> Binned:
+    """Mean of ``value`` ``[P]`` in bins of ``by`` ``[P]``.
+
+    What lies outside the ascending edges is left out; a bin holds its lower edge, the
+    last one both.
+
+    Examples:
+        >>> value, by = torch.tensor([1.0, 0.0, 1.0]), torch.tensor([0.5, 0.7, 2.0])
+        >>> binned_mean(value, by, [0, 1, 2]).mean.tolist()
+        [0.5, 1.0]
+    """
+    bins = np.asarray(edges, np.float64)
+    count, _ = np.histogram(by.double(), bins)
+    total, _ = np.histogram(by.double(), bins, weights=value.double())
+    sums, counts = torch.from_numpy(total), torch.from_numpy(count)
+    return Binned(torch.from_numpy(bins), sums / counts, counts)
+
+
+@dataclass(frozen=True)
+class TCReport:
+    """What a temporal correlation is worth, on P held-out pairs.
+
+    The first block are single numbers, the second curves; shares are in [0, 1]. "Near"
+    means a similarity above 0.5, the decision that training asks for.
+    ``calibration_error`` is the expected one of "within k decisions" (Guo et al. 2017,
+    eq. 3, https://arxiv.org/abs/1706.04599), for the given mixture of labels.
+    """
+
+    num_pairs: int
+    accuracy: float  # balanced
+    positive_accuracy: float  # share of positives called near
+    negative_accuracy: float  # share of negatives not called near
+    auc: float  # area under the ROC curve
+    calibration_error: float
+    #: Label noise: negatives at most k ``decisions`` of `PairTruth` apart.
+    negatives_near: float
+    #: Positives that even the least count puts beyond k decisions: zero, up to
+    #: rounding, or the pairs are wrong.
+    positives_far: float
+    #: Of the pairs near in the plan and far on foot, those called near; NaN if none.
+    through_wall_rate: float
+    num_through_wall: int
+
+    by_distance: Binned  # accuracy over walking distance in cells
+    positives_by_distance: Binned  # share called near
+    negatives_by_distance: Binned  # share called near
+    by_decisions: Binned  # accuracy over ``decisions`` of `PairTruth`
+    roc: tuple[Tensor, Tensor]  # false and true positive rates, at every threshold
+    calibration: tuple[Binned, Binned]  # mean similarity and positives, by similarity
+    #: Mean over distance in cells (columns) and heading difference (rows), or NaN.
+    similarity: Tensor
+    similarity_count: Tensor  # pairs behind each entry
+
+    def numbers(self) -> dict[str, float]:
+        """The single numbers by name."""
+        return {
+            name: float(value)
+            for name, value in vars(self).items()
+            if isinstance(value, int | float)
+        }
+
+
+def tc_report(
+    similarity: Tensor,
+    label: Tensor,
+    truth: PairTruth,
+    *,
+    cell_size: float,
+    max_action_distance: int = 4,
+) -> TCReport:
+    """Measure a temporal correlation on held-out pairs.
+
+    Args:
+        similarity: probabilities ``[P]``, float32.
+        label: ``[P]``; 1: at most k decisions apart in the episode, 0: at least M k.
+        truth: of the same pairs.
+        cell_size: side of a cell in map units.
+        max_action_distance: k.
+    """
+    if not len(similarity) == len(label) == len(truth.distance):
+        got = f"{len(similarity)}, {len(label)} and {len(truth.distance)}"
+        raise ValueError(
+            f"similarity, label and truth must be of one length, got {got}."
+        )
+    if not ((similarity >= 0) & (similarity <= 1)).all():
+        raise ValueError("similarity must lie in [0, 1].")
+    positive, near = label > 0.5, similarity > 0.5
+    if positive.all() or not positive.any():
+        got = f"{int(positive.sum())} positives among {len(positive)} pairs"
+        raise ValueError(f"both classes must occur, got {got}.")
+    correct, most = near == positive, max_action_distance
+    cells = truth.distance / cell_size
+    said = binned_mean(similarity, similarity, _PROBABILITIES)
+    true = binned_mean(positive, similarity, _PROBABILITIES)
+    false_rate, true_rate, _ = roc_curve(
+        positive.numpy(), similarity.numpy(), drop_intermediate=False
+    )
+    bins = (HEADINGS, DISTANCE_CELLS)
+    plane = (truth.heading_difference.double(), cells.double(), bins)
+    sums, *_ = np.histogram2d(*plane, weights=similarity.double())
+    count, *_ = np.histogram2d(*plane)
+    total, counts = torch.from_numpy(sums), torch.from_numpy(count)
+    return TCReport(
+        num_pairs=len(label),
+        accuracy=float(balanced_accuracy_score(positive.numpy(), near.numpy())),
+        positive_accuracy=share(near[positive]),
+        negative_accuracy=share(~near[~positive]),
+        auc=float(roc_auc_score(positive.numpy(), similarity.numpy())),
+        calibration_error=float(
+            ((said.mean - true.mean).abs() * said.count).nansum() / len(label)
+        ),
+        negatives_near=share(truth.decisions[~positive] <= most),
+        # A step varies by a percent.
+        positives_far=share(truth.least_decisions[positive] > 1.02 * most),
+        through_wall_rate=share(near[truth.through_wall]),
+        num_through_wall=int(truth.through_wall.sum()),
+        by_distance=binned_mean(correct, cells, DISTANCE_CELLS),
+        positives_by_distance=binned_mean(
+            near[positive], cells[positive], DISTANCE_CELLS
+        ),
+        negatives_by_distance=binned_mean(
+            near[~positive], cells[~positive], DISTANCE_CELLS
+        ),
+        by_decisions=binned_mean(correct, truth.decisions, DECISIONS),
+        roc=(torch.from_numpy(false_rate), torch.from_numpy(true_rate)),
+        calibration=(said, true),
+        similarity=total / counts,
+        similarity_count=counts,
+    )
+
+
+def share(flags: Tensor) -> float:
+    """Share of true values, NaN of none."""
+    return float(flags.double().mean())

@@ -1,0 +1,151 @@
+"""What the actor-critic losses share: their networks' protocol, actions and values."""
+
+from collections.abc import Callable
+from typing import Any, Protocol, Self
+
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.objectives import LossModule, ValueEstimators
+from torchrl.objectives.value import GAE
+
+#: The estimators are one recursion: TD(lambda)'s return is GAE's value target.
+_LMBDAS = {
+    ValueEstimators.TD0: 0.0,
+    ValueEstimators.TD1: 1.0,
+    ValueEstimators.TDLambda: None,
+    ValueEstimators.GAE: None,
+}
+
+
+class RecurrentActorCritic(Protocol):
+    """A policy and its critic that share a recurrent trunk, such as `ActorCritic`."""
+
+    num_actions: int
+    #: The view, the previous action and reward, ``is_init`` and the state.
+    in_keys: list[NestedKey]
+    #: From the LSTM's outputs to the logits of the actions and to the value.
+    actor: torch.nn.Module
+    critic: torch.nn.Module
+
+    def unroll(self, tensordict: TensorDictBase) -> TensorDict:
+        """Logits and values of a slice ``[*B, T]``, with gradients."""
+
+    def unroll_lstm(self, tensordict: TensorDictBase) -> Tensor:
+        """The LSTM's outputs over a slice, ``[*B, T, H]``, with gradients."""
+
+    def next_values(self, tensordict: TensorDictBase) -> Tensor:
+        """Values ``[*B, 1]`` of the states under ``"next"``, without gradients."""
+
+
+def action_numbers(action: Tensor, num_actions: int, shape: torch.Size) -> Tensor:
+    """The numbers ``[*B]`` of actions, given as such or one-hot ``[*B, A]``."""
+    if action.shape == shape:
+        return action.long()
+    if action.shape == (*shape, num_actions):
+        return action.long().argmax(-1)
+    raise ValueError(
+        f"action must be numbers of the shape {list(shape)} or one-hot of the shape "
+        f"{[*shape, num_actions]}, got {list(action.shape)}."
+    )
+
+
+class GAEMixin:
+    """Losses whose value estimator, for `bootstrapped_advantage`, is always a GAE."""
+
+    def make_value_estimator(self, value_type: Any = None, **hyperparams: Any) -> Self:
+        """Choose ``TD0``, ``TD1``, ``TDLambda`` or ``GAE``, and ``gamma``, ``lmbda``.
+
+        TD(lambda) becomes the GAE of the same lambda, which takes a ``gamma`` or
+        ``lmbda`` of 0, where TorchRL's vectorised forms fail.
+        """
+        loss: Any = self
+        value_type, hyperparams = loss._prepare_value_estimator_kwargs(
+            value_type, **hyperparams
+        )
+        if value_type is not None:
+            if value_type not in _LMBDAS:
+                raise NotImplementedError(
+                    f"value_type must be one of {[kind.name for kind in _LMBDAS]} for "
+                    f"{type(loss).__name__}, got {value_type}."
+                )
+            lmbda = _LMBDAS[value_type]
+            if lmbda is None:
+                lmbda = hyperparams.pop("lmbda")
+            elif "lmbda" in hyperparams:
+                raise ValueError(
+                    f"lmbda must not be given with {value_type.name}, got "
+                    f"{hyperparams['lmbda']}."
+                )
+            shares = {"gamma": hyperparams.pop("gamma"), "lmbda": lmbda}
+            for name, share in shares.items():
+                if not 0 <= share <= 1:
+                    raise ValueError(f"{name} must be in [0, 1], got {float(share)}.")
+            hyperparams.setdefault("device", loss._default_device)
+            shares = {name: float(share) for name, share in shares.items()}
+            loss._value_estimator = GAE(**shares, value_network=None, **hyperparams)
+        loss._forward_value_estimator_keys()
+        return self
+
+
+def bootstrapped_advantage(
+    loss: LossModule,
+    batch: TensorDictBase,
+    state_value: Tensor,
+    next_values: Callable[[TensorDictBase], Tensor],
+) -> tuple[Tensor, Tensor]:
+    """Advantages and value targets, ``[*B, T, 1]``, of decisions ``[*B, T]``.
+
+    Where a slice ends, or an episode is truncated, the next decision belongs to
+    something else: there ``next_values`` judges the state that is stored under
+    ``"next"``. After a terminated episode the value is 0. With ``lmbda=1`` the value
+    targets are the n-step returns of A3C.
+
+    Reference:
+        Schulman et al., "High-Dimensional Continuous Control Using Generalized
+        Advantage Estimation" (2015); the paper, eq. of R_t in "Asynchronous advantage
+        actor-critic algorithm".
+    """
+    keys = loss.tensor_keys
+    state_value = state_value.detach()
+    ends = []
+    for name in ("reward", "done", "terminated"):
+        entry = read_entry(batch, under_next(getattr(keys, name)), name)
+        if entry.shape != state_value.shape:
+            raise ValueError(
+                f"('next', {getattr(keys, name)!r}) must have the shape "
+                f"{list(state_value.shape)} of the values, got {list(entry.shape)}."
+            )
+        ends.append(entry)
+    is_last = ends[1].clone()
+    is_last[..., -1, :] = True
+    following = torch.zeros_like(state_value)
+    following[..., :-1, :] = state_value[..., 1:, :]
+    following = following.masked_fill(is_last, 0)
+    judged = (is_last & ~ends[2]).squeeze(-1)
+    if judged.any():
+        with torch.no_grad():
+            values = next_values(batch.select("next")[judged])
+        following[judged] = values.to(following.dtype)
+    # A shallow copy: the caller's batch is left alone.
+    batch = batch.copy()
+    batch.set(keys.value, state_value)
+    batch.set(under_next(keys.value), following)
+    estimated = loss.value_estimator(batch)
+    return estimated.get(keys.advantage), estimated.get(keys.value_target)
+
+
+def read_entry(tensordict: TensorDictBase, key: NestedKey, name: str) -> Tensor:
+    """An entry that a loss needs; KeyError if it is missing."""
+    entry: Tensor | None = tensordict.get(key, None)
+    if entry is None:
+        raise KeyError(
+            f"the tensordict must have {key!r}, the key of {name} (see set_keys), got "
+            f"{sorted(map(str, tensordict.keys()))}."
+        )
+    return entry
+
+
+def under_next(key: NestedKey) -> NestedKey:
+    """The key under ``"next"``."""
+    return ("next", key) if isinstance(key, str) else ("next", *key)

@@ -1,0 +1,136 @@
+"""`TCLoss` and `LLoss`: the losses of the networks on pairs of views."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule, dispatch
+from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
+from torchrl.objectives import LossModule
+
+from toponav.keys import ACTION, LABEL, LOGIT, LOGITS, WEIGHT
+
+
+class PairLoss(LossModule):
+    """What `TCLoss` and `LLoss` share: a (weighted) mean loss and accuracy.
+
+    There is no target network: the encoder may be shared with another loss, and batch
+    normalisation must follow ``train()``.
+    """
+
+    #: Which of the accepted keys are the network's prediction and what it should be.
+    _predicted: str
+    _wanted: str
+
+    def __init__(self, network: TensorDictModule) -> None:
+        super().__init__()
+        self.network = network
+        self.reduction = "mean"
+
+    @property
+    def functional(self) -> bool:
+        return False
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        return [*self.network.in_keys, getattr(self.tensor_keys, self._wanted)]
+
+    def _forward_value_estimator_keys(self, **kwargs: NestedKey) -> None:
+        pass
+
+    @dispatch  # type: ignore[untyped-decorator]
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        keys = self.tensor_keys
+        # A shallow copy, so that the caller's batch gets no prediction.
+        results = self.network(tensordict.copy())
+        predicted = results.get(getattr(keys, self._predicted)).float()
+        wanted = tensordict.get(getattr(keys, self._wanted)).detach()
+        weight = tensordict.get(keys.weight, None)
+        if weight is not None:
+            weight = weight.detach()
+        measured = zip(self.out_keys, self._compare(predicted, wanted), strict=True)
+        return TensorDict(
+            {
+                key: self._reduce_loss(value, tensordict, weights=weight)
+                for key, value in measured
+            }
+        )
+
+    @abstractmethod
+    def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
+        """Loss of each pair, and 1 where the prediction is right, without gradient."""
+
+
+class TCLoss(PairLoss):
+    """Train the TC-network by the (weighted) mean binary cross-entropy ``loss_tc``.
+
+    Reference:
+        The paper, "Temporal correlation network", eq. 5.
+
+    Args:
+        network: reads the pairs, views or embeddings, and writes the logit, ``[*B]``.
+
+    Examples:
+        >>> import torch
+        >>> network = TensorDictModule(torch.dot, ["anchor", "other"], ["logit"])
+        >>> pair = TensorDict(anchor=torch.ones(3), other=torch.zeros(3))
+        >>> TCLoss(network)(pair.set("label", torch.tensor(1.0)))["loss_tc"]  # log 2
+        tensor(0.6931)
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        label: NestedKey = LABEL
+        logit: NestedKey = LOGIT
+        weight: NestedKey = WEIGHT
+
+    default_keys = _AcceptedKeys
+    tensor_keys: _AcceptedKeys
+    out_keys = ["loss_tc", "accuracy"]
+    _predicted, _wanted = "logit", "label"
+
+    def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
+        if predicted.shape != wanted.shape:
+            raise ValueError(
+                f"label must have the logit's shape {list(predicted.shape)}, got "
+                f"{list(wanted.shape)}."
+            )
+        label = wanted.to(predicted.dtype)
+        loss = F.binary_cross_entropy_with_logits(predicted, label, reduction="none")
+        is_right = (predicted.detach() > 0) == (label > 0.5)
+        return loss, is_right.to(predicted.dtype)
+
+
+class LLoss(PairLoss):
+    """Train the L-network by the (weighted) mean cross-entropy ``loss_locomotion``.
+
+    Reference:
+        The paper, "Navigation implementation", eq. 14.
+
+    Args:
+        network: reads the pairs, views or embeddings; writes the logits, ``[*B, A]``.
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        action: NestedKey = ACTION
+        logits: NestedKey = LOGITS
+        weight: NestedKey = WEIGHT
+
+    default_keys = _AcceptedKeys
+    tensor_keys: _AcceptedKeys
+    out_keys = ["loss_locomotion", "accuracy"]
+    _predicted, _wanted = "logits", "action"
+
+    def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
+        if predicted.shape[:-1] != wanted.shape:
+            raise ValueError(
+                f"action must have the shape {list(predicted.shape[:-1])} of the "
+                f"logits without their last dimension, got {list(wanted.shape)}."
+            )
+        loss = F.cross_entropy(
+            predicted.flatten(0, -2), wanted.flatten(), reduction="none"
+        ).reshape(wanted.shape)
+        is_right = predicted.detach().argmax(-1) == wanted
+        return loss, is_right.to(predicted.dtype)

@@ -1,0 +1,129 @@
+"""Contact sheets: first-person views beside the plan of where they were taken."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from toponav.plotting.plan import FloorPlan
+from toponav.plotting.style import GREY, PALETTE, add_text, new_figure
+
+_COLOURS = (*PALETTE, "#6a3d9a", GREY)
+_VIEW_HEIGHT = 1.75  # inches
+_WHITE: dict[str, Any] = {"color": "white", "fontweight": "bold"}
+
+
+def contact_sheet(
+    views: ArrayLike,
+    positions: ArrayLike,
+    headings: ArrayLike,
+    *,
+    plan: FloorPlan,
+    columns: int = 4,
+) -> Figure:
+    """Show views in coloured frames beside a plan with arrows of the same colours.
+
+    Args:
+        views: uint8 ``[K, H, W, 3]``.
+        positions: ``[K, 2]``, where they were taken, in map units.
+        headings: ``[K]``, which way the agent looked, in degrees.
+        plan: of the maze.
+        columns: views in a row.
+
+    Examples:
+        >>> views, places = np.zeros((3, 12, 16, 3), np.uint8), np.zeros((3, 2))
+        >>> plan = FloorPlan(np.ones((2, 2)), cell_size=10.0)
+        >>> len(contact_sheet(views, places, np.zeros(3), plan=plan).axes)
+        4
+    """
+    images = np.asarray(views)
+    places = np.asarray(positions, float)
+    angles = np.asarray(headings, float).reshape(-1)
+    if not len(images) or not len(images) == len(places) == len(angles):
+        raise ValueError(
+            "views, positions and headings must be as many and at least one, "
+            f"got {len(images)}, {len(places)} and {len(angles)}"
+        )
+    columns = min(columns, len(images))
+    rows = math.ceil(len(images) / columns)
+    height, width = images.shape[1:3]
+    side = max(rows * _VIEW_HEIGHT, 3.2)
+    widths = [side * 1.05, columns * _VIEW_HEIGHT * width / height]
+    figure = new_figure(sum(widths), side)
+    left, right = figure.subfigures(1, 2, width_ratios=widths, squeeze=False)[0]
+    floor = left.subplots()
+    plan.draw(floor)
+    grid = right.subplots(rows, columns, squeeze=False).flatten()
+    for axes in grid[len(images) :]:
+        axes.remove()
+    for index, (image, axes) in enumerate(zip(images, grid, strict=False)):
+        colour, number = _COLOURS[index % len(_COLOURS)], str(index + 1)
+        _mark_place(floor, places[index], angles[index], number, colour)
+        axes.imshow(image, interpolation="nearest")
+        axes.set(xticks=[], yticks=[])
+        axes.spines[:].set(color=colour, linewidth=3.5)
+        box = {"boxstyle": "round,pad=0.25", "facecolor": colour, "edgecolor": "none"}
+        corner: dict[str, Any] = {
+            "ha": "left",
+            "va": "top",
+            "transform": axes.transAxes,
+        }
+        add_text(axes, 0.03, 0.95, number, fontsize=9, bbox=box, **corner, **_WHITE)
+    return figure
+
+
+def _mark_place(
+    axes: Axes, place: np.ndarray, heading: float, number: str, colour: str
+) -> None:
+    """Draw a numbered disc with an arrow in the direction of the heading."""
+    x, y = place
+    ahead = math.radians(heading)
+    axes.annotate(
+        "",
+        (x, y),
+        xytext=(19 * math.cos(ahead), 19 * math.sin(ahead)),
+        textcoords="offset points",
+        arrowprops={"arrowstyle": "<|-", "color": colour, "linewidth": 2.2},
+        zorder=6,
+    )
+    axes.scatter(x, y, 130, colour, edgecolors="white", linewidths=0.8, zorder=7)
+    look: dict[str, Any] = {"va": "center_baseline", "fontsize": 7.5, "zorder": 8}
+    add_text(axes, x, y, number, **look, **_WHITE)
+
+
+def spread_out(
+    positions: ArrayLike, headings: ArrayLike, count: int, *, cell_size: float
+) -> np.ndarray:
+    """Choose moments of a trajectory whose places and directions lie far apart.
+
+    Farthest-point sampling: each next moment is the one farthest from all chosen so
+    far, where turning around counts like walking two cells.
+
+    Args:
+        positions: ``[T, 2]`` in map units.
+        headings: ``[T]`` in degrees.
+        count: how many moments, at most T.
+        cell_size: in map units.
+
+    Returns:
+        Indices, int64 ``[count]``, in the order of time.
+
+    Examples:
+        >>> spread_out([[0, 0], [1, 0], [900, 0], [500, 0]], [0] * 4, 3, cell_size=9)
+        array([0, 2, 3])
+    """
+    places = np.asarray(positions, float)
+    if not 1 <= count <= len(places):
+        raise ValueError(f"count must lie in [1, {len(places)}], got {count}")
+    angles = np.radians(np.asarray(headings, float).reshape(-1, 1))
+    points = np.hstack([places, cell_size * np.cos(angles), cell_size * np.sin(angles)])
+    chosen = [0]
+    distance = np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        newest = np.linalg.norm(points - points[chosen[-1]], axis=1)
+        distance = np.minimum(distance, newest)
+    return np.array(sorted(chosen))

@@ -1,0 +1,230 @@
+"""`FloorPlan`: a maze from above, and what is drawn on it.
+
+Positions are map units (x east, y north); the axes are labelled in cells.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.markers import MarkerStyle
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, MultipleLocator
+from numpy.typing import ArrayLike, NDArray
+
+from toponav.plotting.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    RED,
+    YELLOW,
+    add_heading,
+    add_text,
+    new_figure,
+)
+
+WALL, FLOOR = "#3b3f46", "#f7f5f0"
+CLOSED, APPLE, GOAL, START, AGENT = ORANGE, RED, YELLOW, GREEN, BLUE
+
+#: Colours of a value along a trajectory, dark to light: viridis without its brightest
+#: end, which would vanish on the floor.
+VALUE_COLOURS = LinearSegmentedColormap.from_list(
+    "value", ["#440154", "#414487", "#2a788e", "#22a884", "#7ad151"]
+)
+_FLOOR_COLOURS = LinearSegmentedColormap.from_list("maze", [WALL, FLOOR])
+
+
+@dataclass(frozen=True, eq=False)
+class FloorPlan:
+    """A layout with what stands in it; ``axes.legend()`` names the marks.
+
+    Args:
+        open_mask: bool ``[rows, cols]``, true where the layout has floor.
+        cell_size: side of a cell in map units, `Motion.cell_size`.
+        slots: row and column of each slot, by its letter.
+        closed: letters of the slots that are closed.
+        start: x and y in map units and heading in degrees.
+        goal: row and column of the goal.
+        apples: row and column of each apple.
+
+    Examples:
+        >>> mask = np.array([[False, True, True, False]])
+        >>> plan = FloorPlan(mask, cell_size=10.0, slots={"a": (0, 2)}, closed="a")
+        >>> draw_plan(plan).axes[0].get_xlim()
+        (np.float64(0.0), np.float64(40.0))
+    """
+
+    open_mask: ArrayLike
+    _: KW_ONLY
+    cell_size: float
+    slots: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    closed: Collection[str] = ()
+    start: tuple[float, float, float] | None = None
+    goal: tuple[int, int] | None = None
+    apples: Sequence[tuple[int, int]] = ()
+
+    def __post_init__(self) -> None:
+        if unknown := sorted(set(self.closed) - set(self.slots)):
+            slots = sorted(self.slots)
+            raise ValueError(f"closed must be among {slots}, got {unknown}")
+
+    @property
+    def floor(self) -> NDArray[np.bool_]:
+        """``open_mask`` as an array."""
+        return np.asarray(self.open_mask, bool)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height in map units."""
+        rows, columns = self.floor.shape
+        return columns * self.cell_size, rows * self.cell_size
+
+    @property
+    def jump(self) -> float:
+        """A step longer than this, in map units, is a new start within the episode."""
+        return 2 * self.cell_size
+
+    def centre(self, cell: tuple[int, int]) -> tuple[float, float]:
+        """Where the middle of a row and column is, in map units."""
+        row, column = cell
+        rows = len(self.floor)
+        return (column + 0.5) * self.cell_size, (rows - row - 0.5) * self.cell_size
+
+    def draw(self, axes: Axes) -> None:
+        """Draw it; limits, ticks and aspect of the axes are set."""
+        self._set_up_axes(axes)
+        for letter, cell in self.slots.items():
+            self._draw_slot(axes, letter, self.centre(cell))
+        marks: dict[str, Any] = {"edgecolors": INK, "zorder": 5}
+        if self.apples:
+            places = np.array([self.centre(cell) for cell in self.apples])
+            axes.scatter(places[:, 0], places[:, 1], 40, APPLE, label="apple", **marks)
+        if self.goal is not None:
+            x, y = self.centre(self.goal)
+            axes.scatter(x, y, 170, GOAL, marker="*", label="goal", **marks)
+        if self.start is not None:
+            draw_agent(axes, self.start[:2], self.start[2], colour=START, label="start")
+
+    def _set_up_axes(self, axes: Axes) -> None:
+        floor, (width, height) = self.floor, self.size
+        look: dict[str, Any] = {"cmap": _FLOOR_COLOURS, "vmin": 0, "vmax": 1}
+        self.show_cells(axes, floor, **look)
+        axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", facecolor=WALL)
+        axes.set(xlabel="x (cells)", ylabel="y (cells)")
+        side = max(floor.shape)
+        every = 1 if side <= 8 else math.ceil(side / 16) * 2
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MultipleLocator(every * self.cell_size))
+            axis.set_major_formatter(FuncFormatter(self._in_cells))
+            axis.set_minor_locator(MultipleLocator(self.cell_size))
+        # A hair line between neighbouring cells gives the scale.
+        axes.grid(which="minor", color=WALL, alpha=0.12, linewidth=0.6)
+        axes.tick_params(which="minor", length=0)
+        axes.tick_params(length=3, color=INK, labelsize=8)
+        axes.spines[:].set_visible(False)
+
+    def show_cells(self, axes: Axes, values: ArrayLike, **look: Any) -> AxesImage:
+        """Show one value a cell, ``[rows, cols]``."""
+        width, height = self.size
+        extent = (0, width, 0, height)
+        return axes.imshow(values, extent=extent, interpolation="nearest", **look)
+
+    def _in_cells(self, place: float, _position: int | None) -> str:
+        return f"{place / self.cell_size:.0f}"
+
+    def _draw_slot(self, axes: Axes, letter: str, centre: tuple[float, float]) -> None:
+        side = self.cell_size
+        corner = (centre[0] - side / 2, centre[1] - side / 2)
+        patch = Rectangle(corner, side, side, linewidth=1.4, zorder=2)
+        box = None
+        if letter in self.closed:
+            patch.set(facecolor=CLOSED, edgecolor=INK, hatch="////")
+            box = {"boxstyle": "circle,pad=0.15", "fc": "white", "ec": "none"}
+        else:
+            patch.set(facecolor="none", edgecolor=CLOSED, linestyle="--")
+        axes.add_patch(patch)
+        add_text(axes, *centre, letter, bbox=box, color=INK, weight="bold", zorder=5)
+
+
+def figure_of_plan(
+    plan: FloorPlan | None, size: tuple[float, float], title: str
+) -> tuple[Figure, Axes]:
+    """A figure of one panel, in inches, that shows the plan."""
+    figure = new_figure(*size)
+    axes = figure.subplots()
+    if plan is not None:
+        plan.draw(axes)
+    add_heading(axes, title)
+    return figure, axes
+
+
+def draw_plan(plan: FloorPlan, *, title: str = "") -> Figure:
+    """Draw a plan alone, its marks named on its right."""
+    figure, axes = figure_of_plan(plan, (7, 6), title)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False)
+    return figure
+
+
+def draw_trajectory(
+    axes: Axes,
+    positions: ArrayLike,
+    values: ArrayLike,
+    *,
+    label: str,
+    jump: float,
+    limits: tuple[float, float] | None = None,
+) -> None:
+    """Draw a trajectory, coloured by one value per point, and its colour bar.
+
+    Args:
+        axes: with a `FloorPlan`.
+        positions: ``[T, 2]`` in map units, ``T >= 2``.
+        values: ``[T]``; a step has the colour of the point where it ends.
+        label: of the colour bar: what the value is, with its unit.
+        jump: longer steps, in map units, are not drawn.
+        limits: values at the two ends of the colours; the extremes by default.
+    """
+    points, colours = np.asarray(positions, float), np.asarray(values, float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+        raise ValueError(f"positions must be [T >= 2, 2], got {points.shape}")
+    if colours.shape != points.shape[:1]:
+        raise ValueError(f"values must be [{len(points)}], got {colours.shape}")
+    steps = np.stack([points[:-1], points[1:]], axis=1)
+    kept = np.linalg.norm(points[1:] - points[:-1], axis=1) <= jump
+    segments = list(steps[kept])
+    ends: dict[str, Any] = {"capstyle": "round"}
+    casing = LineCollection(segments, colors="white", linewidths=3.6, zorder=3, **ends)
+    line = LineCollection(
+        segments, cmap=VALUE_COLOURS, linewidths=2.0, zorder=4, **ends
+    )
+    line.set_array(colours[1:][kept])
+    line.set_clim(*(limits or (colours.min(), colours.max())))
+    axes.add_collection(casing)
+    axes.add_collection(line)
+    axes.figure.colorbar(line, ax=axes, label=label, fraction=0.04, pad=0.03)
+
+
+def draw_agent(
+    axes: Axes,
+    position: ArrayLike,
+    heading: float,
+    *,
+    colour: str = AGENT,
+    label: str | None = None,
+) -> None:
+    """Draw an arrow head at x and y in map units; heading 0 is east, 90 north."""
+    x, y = np.asarray(position, float)
+    turn = math.radians(heading)
+    cos, sin = math.cos(turn), math.sin(turn)
+    corners = np.array([[1.0, 0.0], [-0.8, 0.75], [-0.4, 0.0], [-0.8, -0.75]])
+    marker = MarkerStyle(corners @ [[cos, sin], [-sin, cos]])
+    look: dict[str, Any] = {"edgecolors": "white", "linewidths": 0.8, "zorder": 6}
+    axes.scatter(x, y, s=230, c=colour, marker=marker, label=label, **look)

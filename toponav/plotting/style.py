@@ -1,0 +1,141 @@
+"""The look that all figures share, and how they reach the disk."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+
+from toponav.runs import replacing
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart; marks and dashes
+# are for readers who see no colours at all.
+BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+PINK, SKY, YELLOW = "#cc79a7", "#56b4e9", "#f0e442"
+INK, GREY, PALE, WHITE = "#22252a", "#6b6b6b", "#d9dadc", "#ffffff"
+PALETTE = (BLUE, ORANGE, GREEN, RED, PINK, SKY)
+MARKS = "os^Dvp"
+DASHES = ("-", "--", ":", "-.")
+
+TITLE, HEADING, TEXT, SMALL = 11.0, 10.0, 8.5, 7.5
+LINE, THIN = 1.8, 1.2
+LEGEND: dict[str, Any] = {
+    "fontsize": SMALL,
+    "title_fontsize": SMALL,
+    "alignment": "left",
+    "frameon": False,
+}
+
+
+def new_figure(
+    width: float, height: float, *, title: str = "", dpi: float = 110
+) -> Figure:
+    """A figure in inches without a window; `save_figure` writes it."""
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=dpi)
+    if title:
+        figure.suptitle(title, fontsize=TITLE, color=INK)
+    return figure
+
+
+def add_heading(axes: Axes, text: str) -> None:
+    """Put a title over the left end of a panel."""
+    axes.set_title(text, loc="left", fontsize=HEADING)
+
+
+def add_text(axes: Axes, x: float, y: float, text: str, **style: Any) -> None:
+    """Write around the middle of a point."""
+    axes.text(x, y, text, **{"ha": "center", "va": "center", **style})
+
+
+def style_axes(axes: Axes, *, title: str = "", x: str = "", y: str = "") -> None:
+    """Give a panel its title, its labels, a light grid and no box."""
+    if title:
+        add_heading(axes, title)
+    axes.set_xlabel(x, fontsize=TEXT)
+    axes.set_ylabel(y, fontsize=TEXT)
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def add_legend(axes: Axes, *, title: str = "", loc: Any = "best") -> None:
+    """Name what a panel shows, or say that it shows nothing."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(title=title or None, loc=loc, **LEGEND)
+    else:
+        look = {"fontsize": TEXT, "color": GREY, "transform": axes.transAxes}
+        add_text(axes, 0.5, 0.5, "nothing to show", **look)
+
+
+def add_legend_below(axes: Axes, distance: float = 0.08) -> None:
+    """Name what a plan shows in rows below it."""
+    look: dict[str, Any] = {"fontsize": TEXT, "frameon": False, "labelcolor": INK}
+    place = (0.5, -distance)
+    axes.legend(loc="upper center", bbox_to_anchor=place, ncols=4, **look)
+
+
+def add_levels(axes: Axes, levels: dict[str, float]) -> None:
+    """Mark values with dashed lines across a panel; the keys are their labels."""
+    for number, (label, level) in enumerate(levels.items()):
+        dashes = (":", "--", "-.")[number % 3]
+        axes.axhline(level, color=GREY, linestyle=dashes, linewidth=THIN, label=label)
+
+
+def add_dots(
+    axes: Axes,
+    places: np.ndarray,
+    size: float,
+    label: str,
+    *,
+    colour: str = WHITE,
+    edge: str = INK,
+    **style: Any,
+) -> None:
+    """Dots at ``[N, 2]``."""
+    look: dict[str, Any] = {"c": colour, "edgecolors": edge, "linewidths": 0.6}
+    x, y = places[:, :2].T
+    axes.scatter(x, y, s=size, label=label, **{"zorder": 5, **look, **style})
+
+
+def add_lines(
+    axes: Axes,
+    ends: np.ndarray,
+    colour: str,
+    width: float,
+    *,
+    label: str | None = None,
+    zorder: float = 3,
+) -> None:
+    """Straight lines between points, ``[N, 2, 2]``."""
+    look: dict[str, Any] = {"colors": colour, "linewidths": width, "alpha": 0.8}
+    label = label or "_lines"
+    axes.add_collection(LineCollection(list(ends), zorder=zorder, label=label, **look))
+
+
+def show_percent(axes: Axes) -> None:
+    """Show the vertical axis, of shares in [0, 1], in percent."""
+    axes.set_ylim(-0.02, 1.02)
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+
+
+def show_thousands(axes: Axes) -> None:
+    """Show the horizontal axis, of decisions, by `thousands`."""
+    axes.xaxis.set_major_formatter(FuncFormatter(thousands))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+
+
+def thousands(value: float, _position: int | None = None) -> str:
+    """A number of decisions for an axis, such as 150 k or 2.5 M."""
+    if abs(value) >= 1e6:
+        return f"{value / 1e6:g} M"
+    return f"{value / 1e3:g} k" if abs(value) >= 1e3 else f"{value:g}"
+
+
+def save_figure(figure: Figure, path: Path | str, *, dpi: float = 120) -> None:
+    """Write a picture; a killed process leaves the old file or the new one."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=dpi)

@@ -1,0 +1,167 @@
+"""Scripted policies that know the maze: upper ends of the scale, never agents."""
+
+from collections.abc import Sequence
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from toponav.ground_truth import (
+    UNREACHABLE,
+    Routes,
+    Steering,
+    bearing,
+    cell_centres,
+    wrap_degrees,
+)
+from toponav.keys import ACTION, BLOCKED, CELL, GOAL_CELL, HEADING, POSITION
+from toponav.worlds import WorldSpec
+
+#: Cells of a path that steering looks at; it aims 1.25 cells ahead.
+_HOPS = 3
+
+
+class _Expert(TensorDictModuleBase):
+    _more_keys: Sequence[NestedKey] = ()
+
+    def __init__(
+        self,
+        open_mask: Tensor,
+        *,
+        world: WorldSpec,
+        slot_cells: Sequence[tuple[int, int]] = (),
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        self.in_keys = [POSITION, HEADING, CELL, *self._more_keys]
+        if slot_cells:
+            self.in_keys.append(BLOCKED)
+        self.out_keys = [ACTION]
+        self.num_actions = world.num_actions
+        self.steering = Steering(world)
+        self.motion = self.steering.motion
+        self.routes = Routes(open_mask, slot_cells=slot_cells)
+        self.generator = torch.Generator().manual_seed(seed)
+        self.centres = cell_centres(
+            self.routes.cells, self.routes.shape[0], self.motion.cell_size
+        )
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        data = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        blocked = data.get(BLOCKED, torch.zeros(len(data), 0, dtype=torch.bool))
+        table = self.routes.tables(blocked)
+        path, has_path = self._plan(data, table, self.routes.number(data[CELL]))
+        heading = data[HEADING].squeeze(-1)
+        action = self.steering(self.centres[path], data[POSITION], heading)
+        random = torch.randint(self.num_actions, action.shape, generator=self.generator)
+        action = torch.where(has_path, action, random).reshape(tensordict.batch_size)
+        return tensordict.set(ACTION, action.to(tensordict.device))
+
+    def _plan(
+        self, data: TensorDictBase, table: Tensor, here: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """The next cells ``[B, _HOPS + 1]``, and whether there is a path."""
+        raise NotImplementedError
+
+
+class PathFollower(_Expert):
+    """Follows a shortest path to the goal cell, around the slots that are closed.
+
+    It plans in every decision from the privileged entries and keeps nothing, so slots
+    may open and close and goals may move. Without a goal, or if it is cut off, it acts
+    at random.
+
+    Args:
+        open_mask: bool ``[rows, cols]``, true where the layout has floor.
+        world: must report poses and have the actions that `Steering` needs.
+        slot_cells: row and column of each slot, in the order of ``blocked``.
+        seed: of the random actions.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> from toponav.ground_truth import EFFECTS
+        >>> from toponav.worlds import Motion
+        >>> motion = Motion(cell_size=10, step=2.5, turn=20)
+        >>> world = WorldSpec(view_size=(1, 1), actions=tuple(EFFECTS), motion=motion)
+        >>> expert = PathFollower(torch.ones(1, 3, dtype=torch.bool), world=world)
+        >>> pose = {POSITION: [5.0, 5.0], HEADING: [0.0], CELL: [0, 0]}
+        >>> data = TensorDict({**pose, GOAL_CELL: [0, 2]})
+        >>> expert(data)["action"]  # the goal is in the east, where it looks
+        tensor(0)
+    """
+
+    _more_keys = (GOAL_CELL,)
+
+    def _plan(
+        self, data: TensorDictBase, table: Tensor, here: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        has_goal = (data[GOAL_CELL] >= 0).all(-1)
+        goal = self.routes.number(data[GOAL_CELL].clamp(min=0))
+        goal = torch.where(has_goal, goal, here)
+        reachable = self.routes.distances[table, here, goal] < UNREACHABLE
+        return self.routes.path(table, here, goal, hops=_HOPS), has_goal & reachable
+
+
+class FrontierExpert(_Expert):
+    """Goes to the nearest cell that it has not visited until all are visited.
+
+    Nearest is counted in decisions: the steps to the cell and the turns before the
+    first one. Once every cell that can be reached is visited, it acts at random.
+    ``init_key`` is true in an episode's first decision; ``None`` if :meth:`reset` is
+    called. Arguments as in `PathFollower`.
+    """
+
+    visited: Tensor
+
+    def __init__(
+        self,
+        open_mask: Tensor,
+        *,
+        world: WorldSpec,
+        slot_cells: Sequence[tuple[int, int]] = (),
+        init_key: NestedKey | None = "is_init",
+        seed: int = 0,
+    ) -> None:
+        super().__init__(open_mask, world=world, slot_cells=slot_cells, seed=seed)
+        if init_key is not None:
+            self.in_keys.append(init_key)
+        self.init_key = init_key
+        visited = torch.zeros(0, len(self.centres), dtype=torch.bool)
+        self.register_buffer("visited", visited, persistent=False)
+
+    def reset(self, rows: Tensor | None = None) -> None:
+        """Forget what was visited, in the rows bool ``[*B]`` or everywhere."""
+        if rows is None:
+            self.visited = self.visited[:0]
+        else:
+            self.visited[rows.reshape(-1).cpu()] = False
+
+    def _plan(
+        self, data: TensorDictBase, table: Tensor, here: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        if len(self.visited) != len(here):
+            self.visited = self.visited.new_zeros(len(here), len(self.centres))
+        if self.init_key is not None:
+            self.reset(data[self.init_key])
+        self.visited[torch.arange(len(here)), here] = True
+        cost = self._decisions_to_cells(data, table, here)
+        cost = cost.masked_fill(self.visited.unsqueeze(1), torch.inf).flatten(1)
+        least, choice = cost.min(1)
+        has_path = ~least.isinf()
+        side, target = choice // len(self.centres), choice % len(self.centres)
+        first = torch.where(has_path, self.routes.neighbours[here, side], here)
+        onward = self.routes.path(table, first, target, hops=_HOPS - 1)
+        return torch.cat([here.unsqueeze(1), onward], 1), has_path
+
+    def _decisions_to_cells(
+        self, data: TensorDictBase, table: Tensor, here: Tensor
+    ) -> Tensor:
+        position = data[POSITION].unsqueeze(1)
+        beside = self.centres[self.routes.neighbours[here]]
+        off = wrap_degrees(bearing(position, beside) - data[HEADING])
+        start = (beside - position).square().sum(-1).sqrt() / self.motion.step
+        start = start + off.abs() / self.motion.turn
+        steps = self.routes.first_steps(table, here)
+        decisions: Tensor = steps * self.motion.decisions_per_cell + start.unsqueeze(-1)
+        return decisions.masked_fill(steps >= UNREACHABLE, torch.inf)

@@ -1,0 +1,93 @@
+"""`place_errors`: how often the view most like another one shows another place."""
+
+import torch
+from torch import Tensor
+
+from toponav.data import HeldOut
+from toponav.ground_truth import GroundTruthDistances
+from toponav.keys import HEADING, POSITION
+from toponav.metrics import most_similar, pair_candidates, place_error
+from toponav.training import Validation
+
+# Views that look for the one most like them, and views among which they look.
+_QUERIES, _MEMORY = 400, 18_000
+# Cells: farther apart, two views show different places.
+_OTHER_PLACE = 2.0
+# A view that stands less than this before a wall, in cells, is a close-up.
+_CLOSE_UP = 0.75
+
+
+@torch.no_grad()
+def place_errors(
+    validation: Validation,
+    distances: GroundTruthDistances,
+    held_out: HeldOut,
+    *,
+    min_gap: int,
+) -> dict[str, float]:
+    """Share of views whose most similar other view lies more than two cells away.
+
+    Some views of the first held-out episodes look among all views of these episodes.
+
+    Args:
+        validation: holds the networks.
+        distances: of the world.
+        held_out: its episodes.
+        min_gap: decisions between two visits of one episode.
+
+    Returns:
+        ``place_error``: any other view counts, those just before and after too;
+        ``place_error_revisit``: only views of another visit, as a map needs it;
+        ``place_error_far_sighted``: the same, of views that are no close-ups of a wall;
+        ``far_sighted``: their share.
+    """
+    num_views = min(held_out.num_episodes, -(-_MEMORY // held_out.length))
+    num_views *= held_out.length
+    number = torch.arange(num_views)
+    queries = number[:: max(1, num_views // _QUERIES)]
+    similarity = _similarity(validation, held_out.pixels[:num_views], queries)
+    position = held_out.frames.get(POSITION)[:num_views]
+    heading = held_out.frames.get(HEADING)[:num_views].squeeze(-1)
+
+    def distance(gap: int) -> Tensor:
+        """To the most similar view at least so many decisions away, ``[Q]``."""
+        candidates = pair_candidates(
+            number // held_out.length,
+            number % held_out.length,
+            min_gap=gap,
+            rows=queries,
+        )
+        best = most_similar(similarity, candidates)
+        found = distances.geodesic(position[queries], position[best])
+        return torch.where(best >= 0, found, torch.nan)
+
+    limit = _OTHER_PLACE * distances.cell_size
+    revisit = distance(min_gap)
+    far_sighted = _is_open_ahead(distances, position[queries], heading[queries])
+    return {
+        "place_error": place_error(distance(1), limit=limit),
+        "place_error_revisit": place_error(revisit, limit=limit),
+        "place_error_far_sighted": place_error(revisit[far_sighted], limit=limit),
+        "far_sighted": far_sighted.float().mean().item(),
+    }
+
+
+def _is_open_ahead(
+    distances: GroundTruthDistances, position: Tensor, heading: Tensor
+) -> Tensor:
+    angle = torch.deg2rad(heading)
+    step = _CLOSE_UP * distances.cell_size * torch.stack([angle.cos(), angle.sin()], -1)
+    column, up = ((position + step) / distances.cell_size).long().unbind(-1)
+    return distances.open_mask[len(distances.open_mask) - 1 - up, column]
+
+
+def _similarity(validation: Validation, pixels: Tensor, queries: Tensor) -> Tensor:
+    tc = validation.networks.tc
+    embeddings = validation.embed(tc.encoder, pixels)
+    prepared = tc.prepare_memory(embeddings)
+    return torch.cat(
+        [
+            tc.compare_prepared(some, prepared.expand(len(some), -1, -1)).cpu()
+            for some in embeddings[queries].split(4)
+        ]
+    )

@@ -1,0 +1,282 @@
+"""From the run folders of a sweep to its tables and figures."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from toponav.metrics import Floats, Scores, decisions_to_reach, running_mean
+from toponav.plotting import Curve, draw_learning_curves, draw_sweep
+from toponav.runs import (
+    BrokenRunError,
+    Exploration,
+    Run,
+    group_runs,
+    read_exploration,
+    read_pretraining,
+    swept_settings,
+)
+
+Result = TypeVar("Result")
+
+#: Episodes over which the coverage of a training is averaged.
+WINDOW = 16
+# A run is judged by the first of these that it has.
+_LEARNED = ("best", "last")
+# Policies that do not learn, and what the figure calls them.
+_SCRIPTED = {"random": "uniform random", "sticky": "sticky random"}
+_GOOD = 90.0
+
+
+@dataclass(frozen=True)
+class SweepReport:
+    """What the runs of one recipe came to.
+
+    Args:
+        subject: heading of the table's subjects: what a row is about.
+        unit: heading of the number of values.
+        scores: in the order of the rows; empty if no run has finished.
+        figure: of all runs; ``None`` if no run has finished.
+        left_out: a sentence for every run that is not in it.
+    """
+
+    subject: str
+    unit: str
+    scores: list[Scores] = field(default_factory=list)
+    figure: Figure | None = None
+    left_out: list[str] = field(default_factory=list)
+
+
+def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
+    """Accuracies of the TC- and the L-network, by setting and maze.
+
+    Args:
+        runs: of ``recipes/pretrain.py``.
+        title: of the figure.
+    """
+    results, left_out = read_all(runs, read_pretraining)
+    names = swept_settings(runs)
+    scores: list[Scores] = []
+    for settings, members in group_runs(results, names):
+        table = 100 * pd.concat([results[run] for run in members])
+        for maze, percent in table.groupby(level=0, sort=False):
+            more = _other_shares(percent.dropna(axis=1, how="all"))
+            tc, locomotion = percent[["accuracy", "locomotion_accuracy"]].to_numpy().T
+            scores += [
+                Scores(settings, str(maze), "TC accuracy (%)", tc[:, None], more),
+                Scores(settings, str(maze), "L accuracy (%)", locomotion[:, None]),
+            ]
+    figure = None
+    if scores:
+        figure = draw_scores(
+            scores,
+            names,
+            label="accuracy on held-out episodes (%)",
+            title=title,
+            line_of=_measure_of,
+            subject_name="in",
+        )
+    return SweepReport("measured in", "values", scores, figure, left_out)
+
+
+def _measure_of(score: Scores) -> str:
+    return score.measure.removesuffix(" (%)")
+
+
+def _other_shares(percent: pd.DataFrame) -> dict[str, float]:
+    """Means over the runs, NaN where one of them lacks the value."""
+    labels = {
+        "pose_bound": "true poses (%)",
+        "tc_accuracy_k4_m5": "at k = 4, M = 5 (%)",
+    }
+    for name in percent.filter(like="waypoint_share_"):
+        labels[name] = f"waypoints at {name.removeprefix('waypoint_share_')} (%)"
+    return {
+        label: float(percent[name].mean(skipna=False))
+        for name, label in labels.items()
+        if name in percent
+    }
+
+
+def draw_scores(
+    scores: Sequence[Scores],
+    names: Sequence[str],
+    *,
+    label: str,
+    title: str,
+    line_of: Callable[[Scores], str],
+    subject_name: str | None = None,
+) -> Figure:
+    """Draw a dot a run over the setting with the most values; the others make panels.
+
+    Args:
+        scores: at least one; ``[R, E]`` or ``[N]`` each.
+        names: the swept settings.
+        label: of the vertical axis.
+        title: of the figure.
+        line_of: name of the line that a score belongs to.
+        subject_name: makes the subjects panels too, unless the horizontal axis shows
+            them already.
+    """
+    choices = {name: {one.settings[name] for one in scores} for name in names}
+    x = max(names, key=lambda name: len(choices[name]), default="")
+    subjects = {(one.settings.get(x), one.subject) for one in scores}
+    # Where each run is measured in the one maze it was trained in, x says it.
+    if x == "maze" and len(subjects) == len(choices[x]):
+        subject_name = None
+    rows = []
+    for one in scores:
+        panel = {} if subject_name is None else {subject_name: one.subject}
+        panel |= {name: value for name, value in one.settings.items() if name != x}
+        at = one.settings.get(x, "all runs")
+        for value in np.atleast_2d(one.values).mean(axis=1):
+            rows.append((label_of(panel), line_of(one), at, value))
+    values = pd.DataFrame(rows, columns=["panel", "line", "at", "value"])
+    return draw_sweep(values, x=x, label=label, title=title)
+
+
+def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
+    """Coverage of the learned and the scripted policies, and learning curves.
+
+    The scripted policies depend on the maze alone: their episodes of all runs in it
+    are put together; runs whose episodes are the same count once.
+
+    Args:
+        runs: of ``recipes/explore.py``.
+        title: of the figure.
+    """
+    results, left_out = read_all(runs, read_exploration)
+    names = swept_settings(runs)
+    _drop_short_evaluations(results, names, left_out)
+    if not results:
+        return SweepReport("policy", "episodes", left_out=left_out)
+    scores: list[Scores] = []
+    panels: dict[str, list[Curve]] = {}
+    levels: dict[str, dict[str, float]] = {}
+    of_maze = [name for name in names if name.split(".")[0] == "maze"]
+    others = [name for name in names if name not in of_maze]
+    for maze, in_maze in group_runs(results, of_maze):
+        panel = panels.setdefault(label_of(maze), [])
+        for settings, members in group_runs(in_maze, others):
+            explorations = [results[run] for run in members]
+            scores += _learned_scores({**maze, **settings}, explorations)
+            curves = [_training_curve(one) for one in explorations]
+            panel.append(Curve(label_of(settings), curves))
+        scripted = _scripted_scores(maze, [results[run] for run in in_maze])
+        scores += scripted
+        levels[label_of(maze)] = {
+            _SCRIPTED[one.subject]: float(one.values.mean()) for one in scripted
+        }
+    figure = draw_learning_curves(
+        panels,
+        levels,
+        label=f"coverage, mean of the last {WINDOW} episodes (%)",
+        title=title,
+    )
+    return SweepReport("policy", "episodes", scores, figure, left_out)
+
+
+def _learned_scores(
+    settings: Mapping[str, str], explorations: list[Exploration]
+) -> list[Scores]:
+    """Coverage ``[R, E]`` of the learned policies that all runs of a group have."""
+    scores: list[Scores] = []
+    for policy in _LEARNED:
+        tables = [_episodes_of(policy, one) for one in explorations]
+        if all(map(len, tables)):
+            values = np.stack([100 * table["coverage"] for table in tables])
+            more = _decisions_to_90(pd.concat(tables))
+            if not scores:
+                more["training to 90 %"] = _training_to_90(explorations)
+            scores.append(Scores(settings, policy, "coverage (%)", values, more))
+    return scores
+
+
+def _scripted_scores(
+    maze: Mapping[str, str], explorations: list[Exploration]
+) -> list[Scores]:
+    """Coverage ``[N]`` of each scripted policy in all runs, equal tables once."""
+    scores = []
+    for policy in _SCRIPTED:
+        tables = [_episodes_of(policy, one) for one in explorations]
+        # The same seed in the same maze gives the same episodes in every run.
+        table = pd.concat({one.to_numpy().tobytes(): one for one in tables}.values())
+        if len(table):
+            values = 100 * table["coverage"].to_numpy()
+            more = _decisions_to_90(table)
+            scores.append(Scores(maze, policy, "coverage (%)", values, more))
+    return scores
+
+
+def _episodes_of(policy: str, one: Exploration) -> pd.DataFrame:
+    rows = one.evaluation["policy"] == policy
+    return one.evaluation.loc[rows, ["coverage", "decisions_to_90"]]
+
+
+def _decisions_to_90(table: pd.DataFrame) -> dict[str, float]:
+    median, share = decisions_to_reach(table["decisions_to_90"])
+    return {"decisions to 90 %": median, "share to 90 % (%)": 100 * share}
+
+
+def _training_curve(one: Exploration) -> tuple[Floats, Floats]:
+    coverage = running_mean(100 * one.episodes["coverage"], WINDOW)
+    return one.episodes["decisions"].to_numpy(), coverage
+
+
+def _training_to_90(explorations: list[Exploration]) -> float:
+    """Median decisions of the training until the mean of its episodes passed 90 %."""
+    taken = []
+    for one in explorations:
+        decisions, coverage = _training_curve(one)
+        good = np.flatnonzero(coverage[WINDOW - 1 :] >= _GOOD) + WINDOW - 1
+        taken.append(decisions[good[0]] if len(good) else -1)
+    return decisions_to_reach(taken)[0]
+
+
+def _drop_short_evaluations(
+    results: dict[Run, Exploration], names: list[str], left_out: list[str]
+) -> None:
+    """Leave out the runs of a group that have fewer episodes than its others."""
+    for _, members in group_runs(list(results), names):
+        counts = {
+            run: max(len(_episodes_of(policy, results[run])) for policy in _LEARNED)
+            for run in members
+        }
+        most = max(counts.values())
+        for run, count in counts.items():
+            if count < most:
+                del results[run]
+                left_out.append(
+                    f"{run.folder} is left out: it has {count} evaluation episodes, "
+                    f"other runs with its settings {most}"
+                )
+
+
+def label_of(settings: Mapping[str, str]) -> str:
+    """Settings as a heading or a name in a legend.
+
+    Examples:
+        >>> label_of({"maze": "maze3", "reward.alpha": "0.2"})
+        'maze3, reward.alpha 0.2'
+    """
+    return ", ".join(
+        value if name in ("maze", "in") else f"{name} {value}"
+        for name, value in settings.items()
+    )
+
+
+def read_all(
+    runs: Iterable[Run], read: Callable[[Path], Result]
+) -> tuple[dict[Run, Result], list[str]]:
+    """The results of the finished runs, and a sentence on each of the others."""
+    results, left_out = {}, []
+    for run in runs:
+        try:
+            results[run] = read(run.folder)
+        except BrokenRunError as error:
+            left_out.append(f"{run.folder} is left out: it {error}")
+    return results, left_out

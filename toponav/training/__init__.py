@@ -1,0 +1,50 @@
+"""What learns from collected batches, and where they come from."""
+
+from toponav.training.best_policy import BestPolicy as BestPolicy
+from toponav.training.consumers import (
+    make_consumers as make_consumers,
+    make_learner as make_learner,
+    needed_keys as needed_keys,
+    trained_policies as trained_policies,
+)
+from toponav.training.continued_training import ContinuedTraining as ContinuedTraining
+from toponav.training.episode_log import (
+    EpisodeLog as EpisodeLog,
+    Row as Row,
+    mean_of as mean_of,
+)
+from toponav.training.exploration_state import (
+    BASELINES as BASELINES,
+    ExplorationState as ExplorationState,
+    restore_exploration as restore_exploration,
+    save_exploration as save_exploration,
+    save_policy as save_policy,
+)
+from toponav.training.explore_collector import (
+    CollectionError as CollectionError,
+    collect_batches as collect_batches,
+    make_explore_collector as make_explore_collector,
+    make_mailbox as make_mailbox,
+    publish as publish,
+)
+from toponav.training.explorer import (
+    COVERAGE_LEVELS as COVERAGE_LEVELS,
+    Explorer as Explorer,
+    make_explore_env as make_explore_env,
+    make_explorer as make_explorer,
+)
+from toponav.training.locomotion import LocomotionFinetuner as LocomotionFinetuner
+from toponav.training.map_growth import MapGrowth as MapGrowth
+from toponav.training.pair_trainer import (
+    PairTrainer as PairTrainer,
+    make_pair_trainer as make_pair_trainer,
+    require_finite as require_finite,
+)
+from toponav.training.pretraining import (
+    decisions_due as decisions_due,
+    learning_rate as learning_rate,
+    make_pretrainer as make_pretrainer,
+    restore_training as restore_training,
+    save_training as save_training,
+)
+from toponav.training.validation import Validation as Validation

@@ -1,0 +1,75 @@
+"""`BestPolicy`: the weights that did best in training."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from tensordict import TensorDictBase
+from torch import Tensor, nn
+
+from toponav.builders import Consumer
+from toponav.training.episode_log import EpisodeLog, mean_of
+
+
+class BestPolicy(Consumer):
+    """Keeps the policy whenever the last episodes were better than ever before.
+
+    Rewards by different versions of the networks do not compare: a new version starts
+    the comparison again.
+
+    Args:
+        policy: as it is trained.
+        log: of finished episodes; it must come before in the list of consumers.
+        metric: the column of the log that counts.
+        window: episodes to take the mean of; fewer are not enough.
+        networks_version: the version that collectors use now.
+    """
+
+    def __init__(
+        self,
+        policy: nn.Module,
+        log: EpisodeLog,
+        *,
+        metric: str,
+        window: int,
+        networks_version: Callable[[], int],
+    ) -> None:
+        self.policy = policy
+        self.log = log
+        self.metric = metric
+        self.window = window
+        self.networks_version = networks_version
+        self.best = -math.inf
+        self.best_version = 0
+        self.best_decisions = 0
+        #: Weights on the CPU, ``None`` before the first.
+        self.weights: dict[str, Tensor] | None = None
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        if not self.log.ended:
+            return {}
+        version = self.networks_version()
+        last = [row for row in self.log.rows if row["networks_version"] == version]
+        if len(last) < self.window:
+            return {}
+        mean = mean_of(last[-self.window :], self.metric)
+        if version == self.best_version and mean <= self.best:
+            return {}
+        self.best, self.best_version = mean, version
+        self.best_decisions = self.log.decisions
+        weights = self.policy.state_dict().items()
+        self.weights = {name: value.cpu().clone() for name, value in weights}
+        return {}
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "best": self.best,
+            "best_version": self.best_version,
+            "best_decisions": self.best_decisions,
+            "weights": self.weights,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.best, self.weights = state["best"], state["weights"]
+        self.best_version = state["best_version"]
+        self.best_decisions = state["best_decisions"]

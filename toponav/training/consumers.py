@@ -1,0 +1,125 @@
+"""The consumers of an exploration's batches, from its settings."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+from tensordict import NestedKey
+
+from toponav.builders import (
+    NETWORKS,
+    Consumer,
+    Networks,
+    RewardMethod,
+    World,
+    make_device,
+    pretraining_decisions,
+)
+from toponav.config import ExploreConfig
+from toponav.methods import LEARNERS, ActorCriticLearner
+from toponav.modules import ActorCritic
+from toponav.training.best_policy import BestPolicy
+from toponav.training.continued_training import ContinuedTraining
+from toponav.training.episode_log import EpisodeLog
+from toponav.training.exploration_state import ExplorationState
+from toponav.training.locomotion import LocomotionFinetuner
+from toponav.training.map_growth import MapGrowth
+from toponav.training.pair_trainer import require_finite
+
+
+def make_learner(
+    settings: ExploreConfig,
+    world: World,
+    reward: RewardMethod,
+    state: ExplorationState,
+    folder: Path,
+) -> ActorCriticLearner:
+    """The learner that the settings name; ``state`` gives it the run's progress."""
+    return LEARNERS[settings.loss.name](
+        settings,
+        world,
+        reward=reward.reward_key,
+        check=partial(require_finite, folder=folder, setting="loss.lr"),
+        progress=lambda: state.progress,
+        device=make_device(settings.device),
+    )
+
+
+def make_consumers(
+    settings: ExploreConfig,
+    world: World,
+    networks: Networks | None,
+    learner: ActorCriticLearner,
+    reward: RewardMethod,
+    state: ExplorationState,
+    folder: Path,
+) -> dict[str, Consumer]:
+    """Whoever takes the batches, in the order in which they get them.
+
+    The log comes before those that ask which episodes have ended. What is switched off
+    is not in it, and without networks there is no map.
+    """
+    log = EpisodeLog(settings.collect.envs, world, reward)
+    consumers: dict[str, Consumer] = {"episodes": log, "learner": learner}
+    if reward.selection_metric is not None:
+        consumers["best"] = BestPolicy(
+            learner.policy,
+            log,
+            metric=reward.selection_metric,
+            window=settings.report.best_of,
+            networks_version=lambda: state.versions.get(NETWORKS, 0),
+        )
+    consumers["reward"] = reward
+    if networks is None:
+        return consumers
+    check = partial(require_finite, folder=folder)
+    if settings.map.grow:
+        decisions = pretraining_decisions(settings)
+        consumers["map"] = MapGrowth(
+            settings, world, networks, pretraining_decisions=decisions
+        )
+    # Continued training trains the whole L-network; and a head can learn from stored
+    # embeddings only if its encoder made them.
+    shares = networks.locomotion.encoder is networks.tc.encoder
+    if settings.locomotion.learn and not settings.online.learn and shares:
+        consumers["locomotion"] = LocomotionFinetuner(
+            settings.locomotion,
+            networks,
+            seed=settings.seed,
+            check=partial(check, setting="locomotion.lr"),
+        )
+    if settings.online.learn:
+        consumers["online"] = ContinuedTraining(
+            settings.online,
+            settings.pairs,
+            networks,
+            seed=settings.seed,
+            weight_decay=settings.online.weight_decay,
+            locomotion_coeff=settings.online.locomotion_coeff,
+            check=partial(check, setting="online.lr"),
+        )
+    return consumers
+
+
+def needed_keys(consumers: Mapping[str, Consumer]) -> list[NestedKey]:
+    """What collectors hand over: all that any consumer reads."""
+    return list(dict.fromkeys(key for one in consumers.values() for key in one.in_keys))
+
+
+def trained_policies(
+    settings: ExploreConfig,
+    world: World,
+    learner: ActorCriticLearner,
+    consumers: Mapping[str, Consumer],
+) -> dict[str, ActorCritic]:
+    """The policies to evaluate, on the CPU: the last, and the best if one was kept.
+
+    A run too short to choose from has the last policy as its best, too.
+    """
+    last = learner.policy.cpu()
+    kept = consumers.get("best")
+    if not isinstance(kept, BestPolicy):
+        return {"last": last}
+    best = learner.make_policy(settings, world)
+    best.load_state_dict(kept.weights or last.state_dict())
+    return {"best": best, "last": last}

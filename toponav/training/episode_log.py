@@ -1,0 +1,136 @@
+"""`EpisodeLog`: finished training episodes, put together from batches."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from toponav.builders import Consumer, RewardMethod, World
+from toponav.keys import (
+    CELL,
+    COVERAGE,
+    DONE,
+    ENV_ID,
+    HEADING,
+    IS_NEW_WAYPOINT,
+    NETWORKS_VERSION,
+    POSITION,
+    SPURIOUS_WAYPOINT,
+    TRAJECTORY,
+    TRUNCATED,
+)
+
+#: One line of a table: names to numbers, or to words.
+Row = dict[str, Any]
+
+_STEP_COUNT: NestedKey = "step_count"
+#: What pictures of an episode need, of the first observation too, where it is there.
+_POSES = (POSITION, HEADING, CELL, COVERAGE)
+_WAYPOINTS = (IS_NEW_WAYPOINT, SPURIOUS_WAYPOINT)
+
+
+class EpisodeLog(Consumer):
+    """Adds up rewards per environment until its episode ends.
+
+    Batches cut episodes anywhere, and those of several processes come in any order.
+    Only whole episodes are counted: not those that were cut short so that not all
+    environments end together, nor those that a lost engine ended.
+
+    Args:
+        num_envs: environments over all processes.
+        world: says how long an episode is, and whether coverage is known.
+        reward: names what is summed over an episode, and what is read at its end.
+
+    Shape notation:
+        E: environments of a batch.  T: decisions of a rollout.
+    """
+
+    def __init__(self, num_envs: int, world: World, reward: RewardMethod) -> None:
+        self.episode_length = world.episode_length
+        self.rows: list[Row] = []
+        #: The episodes that the last batch finished.
+        self.ended: list[Row] = []
+        self.decisions = 0
+        self.sums = reward.episode_sums()
+        coverage = {"coverage": COVERAGE} if world.spec.has_truth else {}
+        self.ends: dict[str, NestedKey] = {**coverage, **reward.episode_ends()}
+        found = set(self.sums.values())
+        pictured = [key for key in _WAYPOINTS if key in found]
+        if world.spec.has_truth:
+            pictured += _POSES
+        later = [*self.sums.values(), *self.ends.values(), *pictured]
+        self.in_keys: Sequence[NestedKey] = [
+            *pictured,
+            TRAJECTORY,
+            *(("next", key) for key in (*later, DONE, TRUNCATED, _STEP_COUNT)),
+        ]
+        self._totals = torch.zeros(len(self.sums), num_envs, dtype=torch.float64)
+        self._pieces: list[TensorDictBase] = []
+        #: ``[T]``; the last whole episode of the first environment, for pictures.
+        self.last_episode: TensorDictBase | None = None
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        """Count a batch ``[E, T]``; the episodes that it finished are in `ended`."""
+        self.decisions += batch.numel()
+        later = batch.get("next")
+        rewards = torch.stack(
+            [later.get(key).squeeze(-1) for key in self.sums.values()]
+        )
+        rewards = rewards.double()
+        done, envs = later.get(DONE).squeeze(-1), batch.get(ENV_ID)[:, 0, 0]
+        self.ended = []
+        start = torch.zeros(len(envs), dtype=torch.int64)
+        for row, time in done.nonzero().tolist():
+            span = slice(int(start[row]), time + 1)
+            sums = self._totals[:, envs[row]] + rewards[:, row, span].sum(-1)
+            self._totals[:, envs[row]] = 0.0
+            start[row] = time + 1
+            if int(later.get(_STEP_COUNT)[row, time]) == self.episode_length:
+                self.ended.append(self._row(batch[row, time], sums))
+        rest = torch.arange(done.shape[1]) >= start.unsqueeze(-1)
+        self._totals[:, envs] += (rewards * rest).sum(-1)
+        self._keep_first(batch, envs)
+        self.rows += self.ended
+        return {}
+
+    def _row(self, last: TensorDictBase, sums: Tensor) -> Row:
+        later = last.get("next")
+        ends = {name: later.get(key).item() for name, key in self.ends.items()}
+        version = last.get(NETWORKS_VERSION, None)
+        return {
+            "decisions": self.decisions,
+            **dict(zip(self.sums, sums.tolist(), strict=True)),
+            **ends,
+            "networks_version": 0 if version is None else int(version),
+        }
+
+    def _keep_first(self, batch: TensorDictBase, envs: Tensor) -> None:
+        """Keep what the first environment did since its episode began."""
+        for row in (envs == 0).nonzero().flatten().tolist():
+            start = 0
+            for time in batch[row].get(("next", DONE)).flatten().nonzero().tolist():
+                self._pieces.append(batch[row, start : time[0] + 1])
+                episode = torch.cat(self._pieces)
+                if len(episode) == self.episode_length:
+                    self.last_episode = episode
+                self._pieces, start = [], time[0] + 1
+            self._pieces.append(batch[row, start:].clone())
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"rows": self.rows, "decisions": self.decisions}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.rows, self.decisions = list(state["rows"]), int(state["decisions"])
+
+
+def mean_of(rows: Sequence[Row], name: str) -> float:
+    """Mean of a column, NaN without rows.
+
+    Examples:
+        >>> mean_of([{"coverage": 0.5}, {"coverage": 1.0}], "coverage")
+        0.75
+    """
+    return sum(row[name] for row in rows) / len(rows) if rows else math.nan

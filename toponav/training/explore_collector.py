@@ -1,0 +1,248 @@
+"""The processes that explore, and how they get their weights."""
+
+import threading
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import nn
+from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
+from torchrl.envs import EnvBase
+from torchrl.envs.transforms import ExcludeTransform
+from torchrl.weight_update import NoWeightSyncScheme
+
+from toponav.builders import (
+    NETWORKS,
+    POLICY,
+    Consumer,
+    World,
+    keep_freed_memory,
+    seed_of,
+)
+from toponav.collectors import (
+    Mailbox,
+    MailboxCollector,
+    PatientAsyncCollector,
+    Subscription,
+)
+from toponav.config import ExploreConfig, TrainingError
+from toponav.keys import PIXELS
+from toponav.methods import LEARNERS
+from toponav.training.explorer import Explorer, make_explore_env, make_worker_explorer
+
+
+class CollectionError(TrainingError):
+    """The collecting processes stopped delivering."""
+
+
+def make_mailbox(
+    explorer: Explorer, *, versions: Mapping[str, int] | None = None
+) -> Mailbox:
+    """Where the learner leaves weights and the collecting processes fetch them."""
+    return Mailbox(explorer.modules(), versions=versions)
+
+
+def publish(
+    mailbox: Mailbox, explorer: Explorer, consumers: Collection[Consumer]
+) -> dict[str, int]:
+    """Publish what consumers have updated, and let all of them know.
+
+    Returns:
+        The new version of each name that was published.
+    """
+    names = {name for one in consumers for name in one.updated()}
+    versions = {
+        name: mailbox.publish(name, module)
+        for name, module in explorer.modules().items()
+        if name in names
+    }
+    for one in consumers:
+        one.refresh(versions)
+    return versions
+
+
+def make_explore_collector(
+    settings: ExploreConfig,
+    world: World,
+    mailbox: Mailbox,
+    *,
+    keep: Sequence[NestedKey],
+    decisions: int = 0,
+) -> BaseCollector:
+    """Processes that explore with the weights in a mailbox.
+
+    Each hands over batches ``[E, T]``, with ``collect.mode=async`` while the caller
+    learns from the last one; it then is at most two batches behind the newest weights.
+    With ``sync`` all wait for the caller and hand over one batch together.
+
+    Iterate with `collect_batches`; end it in ``finally`` with `stop_collector`; never
+    ask it for its state while it runs (it would drop a rollout and hang).
+
+    Args:
+        settings: of the run.
+        world: where the explorers act.
+        mailbox: see `make_mailbox`.
+        keep: what of a batch is handed over, ``("next", ...)`` included.
+        decisions: those that an earlier part of the run made. Episodes start again
+            there, others than at the run's start.
+
+    Raises:
+        EngineError: if the engine cannot start.
+    """
+    collect, rollout = settings.collect, settings.loss.rollout
+    asynchronous = collect.mode == "async"
+    envs = collect.envs // collect.workers
+    batch = envs * rollout
+    arguments: dict[str, Any] = {
+        "policy_factory": partial(
+            LEARNERS[settings.loss.name].make_policy, settings, world
+        ),
+        "frames_per_batch": batch if asynchronous else batch * collect.workers,
+        "total_frames": -1,
+        "use_buffers": True,
+        "num_threads": torch.get_num_threads(),
+        "weight_sync_schemes": {POLICY: NoWeightSyncScheme()},
+        "auto_register_policy_transforms": False,
+        "collector_class": partial(
+            make_worker_collector,
+            settings=settings,
+            world=world,
+            mailbox=mailbox,
+            keep=keep,
+            decisions=decisions,
+        ),
+    }
+    make_one = [make_worker_env] * collect.workers
+    if asynchronous:
+        collector: BaseCollector = PatientAsyncCollector(make_one, **arguments)
+    else:
+        collector = MultiSyncCollector(make_one, cat_results=0, **arguments)
+    return collector
+
+
+def make_worker_env(
+    settings: ExploreConfig, world: World, explorer: Explorer, envs: int, seed: int
+) -> EnvBase:
+    """The environment of one collecting process; full views stay out of batches."""
+    stagger = settings.collect.stagger
+    env = make_explore_env(
+        settings, world, explorer, envs=envs, seed=seed, stagger=stagger
+    )
+    return env.append_transform(ExcludeTransform(PIXELS))
+
+
+def make_worker_collector(
+    create_env_fn: Any,
+    *,
+    settings: ExploreConfig,
+    world: World,
+    mailbox: Mailbox,
+    keep: Sequence[NestedKey],
+    decisions: int,
+    worker_idx: int,
+    create_env_kwargs: dict[str, Any] | None = None,
+    **kwargs: Any,
+) -> MailboxCollector:
+    """The collector of one process, built there, with its own copies of the networks.
+
+    Its networks are filled before the environment looks through them for the first
+    time.
+    """
+    # One process, one core: threads of torch would only get in each other's way.
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    seed = seed_of(settings.seed, decisions, worker_idx)
+    torch.manual_seed(seed)
+    explorer = make_worker_explorer(
+        settings, world, has_networks=NETWORKS in mailbox.names
+    )
+    for name, module in explorer.modules().items():
+        mailbox.pull(name, module)
+    return MailboxCollector(
+        create_env_fn,
+        create_env_kwargs={
+            "settings": settings,
+            "world": world,
+            "explorer": explorer,
+            "envs": settings.collect.envs // settings.collect.workers,
+            "seed": seed,
+        },
+        worker_idx=worker_idx,
+        mailbox=mailbox,
+        subscriptions=_subscriptions(explorer),
+        keep=keep,
+        **kwargs,
+    )
+
+
+def _subscriptions(explorer: Explorer) -> list[Subscription]:
+    """What a collecting process fetches before each rollout."""
+
+    def refresh(collector: Collector) -> None:
+        for transform in collector.env.transform:
+            if hasattr(transform, "refresh"):
+                assert explorer.novelty is not None
+                transform.refresh(float(explorer.novelty.threshold))
+
+    found = [
+        Subscription(POLICY, ("version", POLICY), lambda collector: collector.policy)
+    ]
+    for name, module in explorer.modules().items():
+        if name != POLICY:
+            found.append(
+                Subscription(
+                    name,
+                    ("version", name),
+                    partial(_return, module),
+                    refresh if name == NETWORKS else None,
+                )
+            )
+    return found
+
+
+def _return(module: nn.Module, _: Collector) -> nn.Module:
+    return module
+
+
+def collect_batches(
+    collector: BaseCollector, *, max_idle_s: float
+) -> Iterator[TensorDictBase]:
+    """Batches of a collector, or an error of one sentence if no more come.
+
+    A process that died is noticed within a second, one that hangs after
+    ``max_idle_s``: it is ended then, since nothing else would wake the caller.
+
+    Args:
+        collector: see `make_explore_collector`.
+        max_idle_s: longest time to wait for a batch.
+
+    Raises:
+        CollectionError: if a process died or hung.
+    """
+    batches: Iterator[TensorDictBase] = iter(collector)
+    while True:
+        hung = threading.Event()
+        watch = threading.Timer(max_idle_s, _end_processes, (collector, hung))
+        watch.daemon = True
+        watch.start()
+        try:
+            batch = next(batches)
+        except (RuntimeError, EOFError, OSError) as error:
+            if hung.is_set():
+                reason = f"no batch came in {max_idle_s:g} s (collect.max_idle_s)"
+            else:
+                reason = str(error).strip().splitlines()[0][:120]
+            raise CollectionError(
+                f"the collecting processes must live as long as the run, got: {reason}"
+            ) from error
+        finally:
+            watch.cancel()
+        yield batch
+
+
+def _end_processes(collector: BaseCollector, hung: threading.Event) -> None:
+    hung.set()
+    for process in collector.procs:
+        process.kill()

@@ -1,0 +1,140 @@
+"""`LocomotionFinetuner`: the L-network's head is trained on what the explorers did."""
+
+import copy
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from tqdm import tqdm
+
+from toponav.builders import Check, Consumer, Networks
+from toponav.config import LocomotionConfig
+from toponav.data import EpisodeSampler, LPairs, SplitPairs
+from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
+from toponav.runs import write_history
+from toponav.training.pair_trainer import PairTrainer, make_l_loss
+
+_MAX_GRAD_NORM = 10.0
+_WEIGHT_DECAY = 1e-3
+# Updates between two rows of the log.
+_ROW_EVERY = 100
+
+
+class LocomotionFinetuner(Consumer):
+    """Keeps embeddings and actions of an exploration, and trains the L-network's head.
+
+    A random walk says little about how to get anywhere: of four of its decisions
+    between two views most were for nothing. An explorer that has learned walks straight
+    on. The encoder stays as it is, so that a decision takes 0.5 kB and the head is
+    trained in minutes.
+
+    Reference:
+        The paper, "Generalization of TC-network and L-network": networks that were
+        trained on random walks are trained once more while the agent explores.
+
+    Args:
+        config: how much to keep, and how to train.
+        networks: must share one encoder, since the embeddings that explorers hand over
+            are the TC-network's.
+        seed: of the pairs.
+        check: see `PairTrainer`.
+
+    Raises:
+        ValueError: if the L-network has an encoder of its own.
+    """
+
+    in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")
+
+    def __init__(
+        self, config: LocomotionConfig, networks: Networks, *, seed: int, check: Check
+    ) -> None:
+        if networks.locomotion.encoder is not networks.tc.encoder:
+            raise ValueError("networks must share one encoder, got two.")
+        self.config = config
+        self.head = networks.locomotion.head
+        self.check = check
+        self.generator = torch.Generator().manual_seed(seed)
+        self.buffer = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(config.memory),
+            sampler=EpisodeSampler(LPairs(config.k)),
+            transform=SplitPairs(EMBEDDING),
+            batch_size=config.pairs,
+        )
+        self.buffer.set_rng(self.generator)
+        # A run that is resumed after the training starts again with this head.
+        self._start = copy.deepcopy(self.head.state_dict())
+        # The collectors of a resumed run number their episodes from 0 again.
+        self._first_episode = 0
+
+    def extend(self, batch: TensorDictBase) -> dict[str, float]:
+        """Keep the decisions of a batch ``[E, T]``, instead of the oldest ones."""
+        frames = batch.select(*self.in_keys).flatten()
+        frames[EMBEDDING] = frames[EMBEDDING].half()
+        frames[TRAJECTORY] = frames[TRAJECTORY] + self._first_episode
+        self.buffer.extend(frames)
+        return {}
+
+    def finish(self, folder: Path) -> None:
+        """Train the head; loss and accuracy go into ``locomotion.csv``.
+
+        Raises:
+            TrainingError: from ``check``.
+        """
+        config = self.config
+        trainer = PairTrainer(
+            self.head,
+            {"l": (make_l_loss(self.head), 1.0)},
+            self._draw_pairs,
+            generator=self.generator,
+            lr=config.lr,
+            weight_decay=_WEIGHT_DECAY,
+            max_grad_norm=_MAX_GRAD_NORM,
+            check=self.check,
+        )
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            trainer.optimizer, config.lr, total_steps=config.updates, pct_start=0.1
+        )
+        rows: list[dict[str, float]] = []
+        sums = torch.zeros(2)
+        bar = tqdm(range(1, config.updates + 1), desc="train L head", unit="update")
+        for update in bar:
+            measured = trainer.step()
+            schedule.step()
+            sums += torch.tensor(
+                [measured["loss_locomotion"], measured["train_l_accuracy"]]
+            )
+            if update % _ROW_EVERY == 0 or update == config.updates:
+                since = update - (int(rows[-1]["update"]) if rows else 0)
+                loss, accuracy = (sums / since).tolist()
+                rows.append({"update": update, "loss": loss, "accuracy": accuracy})
+                bar.set_postfix(loss=f"{loss:.2f}", accuracy=f"{accuracy:.1%}")
+                sums.zero_()
+        write_history(folder / "locomotion.csv", rows)
+
+    def _draw_pairs(self) -> list[TensorDictBase]:
+        pairs = self.buffer.sample()
+        for key in (ANCHOR, OTHER):
+            pairs[key] = pairs[key].float()
+        return [pairs]
+
+    def state_dict(self) -> dict[str, Any]:
+        """What was kept, the head before its training, and the state of the draws."""
+        return {
+            "head": self._start,
+            "buffer": self.buffer.state_dict(),
+            "generator": self.generator.get_state(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue where `state_dict` was taken."""
+        self.buffer.load_state_dict(state["buffer"])
+        self.generator.set_state(state["generator"])
+        # Earlier runs did not keep it.
+        self._start = state.get("head", self._start)
+        self.head.load_state_dict(self._start)
+        if len(self.buffer):
+            kept = self.buffer.storage[:][TRAJECTORY]
+            self._first_episode = int(kept.max()) + 1

@@ -1,0 +1,198 @@
+"""`MapGrowth`: the map of an exploration, built while it explores."""
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from matplotlib.figure import Figure
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from tensordict import NestedKey, TensorDictBase
+from tqdm import tqdm
+
+from toponav.builders import (
+    MAP_FILE,
+    NETWORKS,
+    POSES_FILE,
+    Consumer,
+    Networks,
+    Novelty,
+    World,
+    for_inference,
+    make_map,
+)
+from toponav.config import ExploreConfig
+from toponav.graph import TopologicalMap, save_map, sparsify
+from toponav.keys import (
+    DONE,
+    EMBEDDING,
+    ENV_ID,
+    HEADING,
+    NETWORK_PIXELS,
+    POSITION,
+    REWARD,
+)
+from toponav.plotting import draw_graph, save_figure
+from toponav.runs import write_array, write_history
+from toponav.training.episode_log import Row
+from toponav.training.map_truth import MapTruth
+
+
+class MapGrowth(Consumer):
+    """A topological map, judged by the ground truth where there is any.
+
+    The map gets its own copy of the TC-network: the one that continues training is
+    ahead of the version with which the explorers embed.
+
+    Args:
+        settings: of the run.
+        world: where it explores.
+        networks: with their thresholds.
+        pretraining_decisions: that the networks had learned from before, for the log;
+            NaN if not known.
+    """
+
+    def __init__(
+        self,
+        settings: ExploreConfig,
+        world: World,
+        networks: Networks,
+        *,
+        pretraining_decisions: float = math.nan,
+    ) -> None:
+        self.config = settings.map
+        self.trains_online = settings.online.learn
+        self.name = world.name
+        self.networks = networks
+        self.pretraining_decisions = pretraining_decisions
+        novelty = for_inference(Novelty(copy.deepcopy(networks.tc)), settings.model)
+        self.tc = novelty.tc.eval()
+        self.map: TopologicalMap = make_map(self.config, self.tc, networks.thresholds)
+        self.truth = MapTruth(world) if world.layout is not None else None
+        self.decisions = 0
+        self.rows: list[Row] = []
+        places = [] if self.truth is None else [POSITION, HEADING]
+        # A goal's reward says that the agent was put elsewhere.
+        self.in_keys: Sequence[NestedKey] = [
+            EMBEDDING,
+            NETWORK_PIXELS,
+            *places,
+            ("next", DONE),
+            ("next", REWARD),
+        ]
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        """Feed a batch ``[E, T]``."""
+        self.decisions += batch.numel()
+        if self.decisions <= self.config.after:
+            return {}
+        if self.config.envs is not None:
+            batch = batch[batch.get(ENV_ID)[:, 0, 0] < self.config.envs]
+            if not len(batch):
+                return {}
+        if self.truth is not None:
+            self.truth.remember(batch)
+        new_waypoints = self.map.extend(batch)
+        if self.truth is not None and new_waypoints:
+            self.truth.place(self.map.origins, self.decisions)
+        return {}
+
+    def refresh(self, versions: Mapping[str, int]) -> None:
+        """Take over the networks' weights as published and embed the map again."""
+        if NETWORKS in versions:
+            self._embed(versions[NETWORKS])
+
+    def _embed(self, version: int) -> None:
+        self.tc.load_state_dict(self.networks.tc.state_dict())
+        self.map.refresh(version)
+
+    def finish(self, folder: Path) -> None:
+        """Embed by the last networks, and sparsify if the settings want it."""
+        tolerance = self.config.sparsify
+        if self.trains_online:
+            self._embed(self.map.network_version + 1)
+        if tolerance is not None:
+            before = self.map.num_waypoints, len(self.map.edges)
+            numbers = sparsify(self.map, tolerance=tolerance)
+            if self.truth is not None:
+                self.truth.poses.merge(numbers)
+            tqdm.write(
+                f"map: {before[0]:,} waypoints and {before[1]:,} edges became "
+                f"{self.map.num_waypoints:,} and {len(self.map.edges):,}"
+            )
+        if self.trains_online or tolerance is not None:
+            self.write(folder)
+
+    def write(self, folder: Path) -> None:
+        """Write the map, its poses, a row of ``map.csv`` and ``topology.png``."""
+        row: Row = {
+            "decisions": self.decisions,
+            "networks_version": self.map.network_version,
+            **self._measure(),
+        }
+        self.rows.append(row)
+        write_history(folder / "map.csv", self.rows)
+        save_map(self.map.state_dict(), folder / MAP_FILE, about={"maze": self.name})
+        if self.truth is not None:
+            write_array(folder / POSES_FILE, self.truth.poses.values)
+        save_figure(self._draw(row), folder / "topology.png", dpi=110)
+
+    def _measure(self) -> Row:
+        if self.truth is None:
+            return count_components(self.map)
+        covered = self.truth.decisions_to_cover
+        return {
+            **self.truth.measure(self.map),
+            "decisions_to_cover": covered,
+            "interaction_to_encode": covered + self.pretraining_decisions,
+        }
+
+    def _draw(self, row: Row) -> Figure:
+        title = f"{self.name} after {row['decisions']:,} decisions: "
+        if self.truth is not None:
+            return self.truth.draw(self.map, title, row)
+        parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
+        title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
+        return draw_graph(
+            self.map.num_waypoints,
+            self.map.edges,
+            self.map.edge_cost.amin(1),
+            title=title,
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        """What another one needs to continue; unfinished episodes are not in it."""
+        return {
+            "map": self.map.state_dict(),
+            "truth": None if self.truth is None else self.truth.state_dict(),
+            "rows": self.rows,
+            "decisions": self.decisions,
+            "pretraining_decisions": self.pretraining_decisions,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.map.load_state_dict(state["map"])
+        if self.truth is not None:
+            self.truth.load_state_dict(state["truth"])
+        self.rows, self.decisions = list(state["rows"]), int(state["decisions"])
+        self.pretraining_decisions = state["pretraining_decisions"]
+        if self.trains_online:
+            self._embed(self.map.network_version)
+
+
+def count_components(topological_map: TopologicalMap) -> Row:
+    """What can be said of a map without ground truth."""
+    num, edges = topological_map.num_waypoints, topological_map.edges
+    ones = torch.ones(len(edges))
+    links = coo_array((ones, (edges[:, 0], edges[:, 1])), shape=(num, num))
+    components, label = connected_components(links, directed=False)
+    sizes = torch.bincount(torch.from_numpy(label).long())
+    return {
+        "waypoints": num,
+        "edges": len(edges),
+        "components": int(components),
+        "largest_component": float(sizes.max()) / num if num else math.nan,
+    }

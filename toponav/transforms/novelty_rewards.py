@@ -1,0 +1,215 @@
+"""The novelty rewards, as functions on tensors and as transforms.
+
+Reference:
+    The paper, "Formulate reward function", eqs. 6 to 8.
+"""
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import Composite
+
+from toponav.keys import (
+    COUNT_REWARD,
+    INTRINSIC_REWARD,
+    IS_NEW_WAYPOINT,
+    SIMILARITY,
+    TEMPORAL_DISTANCE_REWARD,
+    VISITS,
+)
+from toponav.transforms.specs import KeyedTransform, Keys, declare_reward, get_entry
+
+#: How the two rewards make one. The equation adds them, while the text pays the first
+#: if the view is mapped to a waypoint and the second if not. ``"exclusive"`` is the
+#: text; ``"sum"``, the equation by the letter, pays at least beta in every decision.
+Combine = Literal["exclusive", "sum"]
+
+
+def count_reward(visits: Tensor, alpha: float) -> Tensor:
+    """``alpha / sqrt(visits)`` (eq. 6), float32; 0 for 0 visits.
+
+    Examples:
+        >>> count_reward(torch.tensor([0, 1, 4]), alpha=0.2)
+        tensor([0.0000, 0.2000, 0.1000])
+    """
+    if not alpha >= 0:
+        raise ValueError(f"alpha must be at least 0, got {alpha}")
+    return (alpha * visits.clamp(min=1).rsqrt()).masked_fill(visits == 0, 0.0)
+
+
+def temporal_distance_reward(
+    similarity: Tensor, beta: float, *, floor: float = 0.05
+) -> Tensor:
+    """``beta / similarity`` to the nearest waypoint (eq. 7), at most ``beta / floor``.
+
+    Examples:
+        >>> temporal_distance_reward(torch.tensor([0.5, 0.1, 0.0]), beta=0.8)
+        tensor([ 1.6000,  8.0000, 16.0000])
+    """
+    if not beta >= 0:
+        raise ValueError(f"beta must be at least 0, got {beta}")
+    if not 0 < floor <= 1:
+        raise ValueError(f"floor must be in (0, 1], got {floor}")
+    return beta / similarity.clamp(min=floor)
+
+
+def combine_rewards(
+    count: Tensor, temporal_distance: Tensor, is_new: Tensor, how: Combine = "exclusive"
+) -> Tensor:
+    """One reward out of both (eq. 8); ``is_new``, bool, is what pays as a new place.
+
+    Examples:
+        >>> count, distance = torch.tensor([0.2, 0.2]), torch.tensor([1.6, 0.9])
+        >>> combine_rewards(count, distance, torch.tensor([True, False]))
+        tensor([1.6000, 0.2000])
+    """
+    _check_combine(how)
+    if how == "sum":
+        return count + temporal_distance
+    return torch.where(is_new, temporal_distance, count)
+
+
+def _check_combine(combine: str) -> None:
+    if combine not in get_args(Combine):
+        raise ValueError(f"combine must be one of {get_args(Combine)}, got {combine!r}")
+
+
+class _NoveltyReward(KeyedTransform):
+    #: The reward, of the entries of ``in_keys``.
+    _pay: Callable[..., Tensor]
+
+    def __init__(
+        self,
+        combine: Combine,
+        in_keys: Keys,
+        out_keys: Keys,
+        defaults: tuple[list[NestedKey], list[NestedKey]],
+    ) -> None:
+        _check_combine(combine)
+        super().__init__(in_keys, out_keys, defaults=defaults)
+        self.combine = combine
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        entries = [get_entry(self, next_tensordict, key) for key in self.in_keys]
+        return next_tensordict.set(self.out_keys[0], self._pay(*entries))
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict)
+
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        return declare_reward(self, output_spec)
+
+
+class CountReward(_NoveltyReward):
+    """Pays ``alpha / sqrt(n)`` for the n-th visit of a waypoint (eq. 6).
+
+    For a new waypoint `TemporalDistanceReward` pays instead; with ``combine="sum"``
+    both.
+
+    Args:
+        alpha: what a first visit pays, at least 0.
+        combine: ``"exclusive"`` or ``"sum"``, see `Combine`.
+        in_keys: keys of the visits, int64 ``[*B, 1]``, 0 where nothing is paid, and of
+            what pays as a new place, bool ``[*B, 1]``.
+        out_keys: key of the reward, float32 ``[*B, 1]``.
+    """
+
+    def __init__(
+        self,
+        alpha: float,
+        *,
+        combine: Combine = "exclusive",
+        in_keys: Keys = None,
+        out_keys: Keys = None,
+    ) -> None:
+        count_reward(torch.zeros(0, dtype=torch.int64), alpha)
+        defaults = [VISITS, IS_NEW_WAYPOINT], [COUNT_REWARD]
+        super().__init__(combine, in_keys, out_keys, defaults)
+        self.alpha = alpha
+
+    def _pay(self, visits: Tensor, is_new: Tensor) -> Tensor:
+        reward = count_reward(visits, self.alpha)
+        return reward if self.combine == "sum" else reward.masked_fill(is_new, 0.0)
+
+
+class TemporalDistanceReward(_NoveltyReward):
+    """Pays ``beta / similarity`` to the nearest waypoint for a new one (eq. 7).
+
+    Each payment makes its own view known: an agent cannot be paid for staying. The
+    paper pays for every view that is mapped to no waypoint; with other guards than
+    `WaypointMemory`'s defaults, give ``novel`` in place of ``is_new_waypoint`` for
+    that.
+
+    Args:
+        beta: what a view of similarity 1 pays, at least 0.
+        floor: least similarity, in (0, 1]; no view pays more than ``beta / floor``.
+        combine: ``"exclusive"`` or ``"sum"``, see `Combine`.
+        in_keys: keys of the similarity, float32 ``[*B, 1]`` in [0, 1], and of what pays
+            as a new place, bool ``[*B, 1]``.
+        out_keys: key of the reward, float32 ``[*B, 1]``.
+    """
+
+    def __init__(
+        self,
+        beta: float,
+        *,
+        floor: float = 0.05,
+        combine: Combine = "exclusive",
+        in_keys: Keys = None,
+        out_keys: Keys = None,
+    ) -> None:
+        temporal_distance_reward(torch.zeros(0), beta, floor=floor)
+        defaults = [SIMILARITY, IS_NEW_WAYPOINT], [TEMPORAL_DISTANCE_REWARD]
+        super().__init__(combine, in_keys, out_keys, defaults)
+        self.beta = beta
+        self.floor = floor
+
+    def _pay(self, similarity: Tensor, is_new: Tensor) -> Tensor:
+        reward = temporal_distance_reward(similarity, self.beta, floor=self.floor)
+        return reward if self.combine == "sum" else reward.masked_fill(~is_new, 0.0)
+
+
+class IntrinsicReward(_NoveltyReward):
+    """What an explorer learns from: count plus temporal-distance reward (eq. 8).
+
+    Args:
+        combine: ``"exclusive"`` or ``"sum"``, see `Combine`; that of both parts.
+        in_keys: keys of the two rewards, float32 ``[*B, 1]``, and of what pays as a new
+            place, bool ``[*B, 1]``.
+        out_keys: key of the reward, float32 ``[*B, 1]``.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> parts = {"count_reward": torch.tensor([[0.1], [0.0]])}
+        >>> parts["temporal_distance_reward"] = torch.tensor([[0.0], [1.6]])
+        >>> parts["is_new_waypoint"] = torch.tensor([[False], [True]])
+        >>> IntrinsicReward()(TensorDict(parts, [2]))["intrinsic_reward"].squeeze(-1)
+        tensor([0.1000, 1.6000])
+    """
+
+    def __init__(
+        self,
+        combine: Combine = "exclusive",
+        *,
+        in_keys: Keys = None,
+        out_keys: Keys = None,
+    ) -> None:
+        parts = [COUNT_REWARD, TEMPORAL_DISTANCE_REWARD, IS_NEW_WAYPOINT]
+        super().__init__(combine, in_keys, out_keys, (parts, [INTRINSIC_REWARD]))
+
+    def _pay(self, count: Tensor, temporal_distance: Tensor, is_new: Tensor) -> Tensor:
+        return combine_rewards(count, temporal_distance, is_new, self.combine)
+
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        for part in getattr(self.parent, "transform", ()) or ():
+            if not isinstance(part, CountReward | TemporalDistanceReward):
+                continue
+            if part.out_keys[0] in self.in_keys and part.combine != self.combine:
+                raise ValueError(
+                    f"combine must be that of {type(part).__name__}, "
+                    f"{part.combine!r}, got {self.combine!r}"
+                )
+        return super().transform_output_spec(output_spec)
