@@ -27,7 +27,7 @@ REPORTS = {
 }
 
 
-@recipe("report", first="folder")
+@recipe("report", first="folder", aliases={"scale": "report"})
 def main(settings: SweepReportConfig, _: Path) -> None:
     """Find the runs, group them, write the table and the figure."""
     folder = Path(settings.folder)
@@ -44,7 +44,9 @@ def main(settings: SweepReportConfig, _: Path) -> None:
 
         # One file of each kind, or one for each recipe.
         path = folder / ("report" if len(present) == 1 else f"report_{name}")
-        summaries = [summarize_scores(scores) for scores in report.scores]
+        summaries = [
+            summarize_scores(scores, draws=settings.draws) for scores in report.scores
+        ]
         heads = {"subject": report.subject, "unit": report.unit}
         table = markdown_table(summaries, **heads)
         left_out = "".join(f"\n- {sentence}" for sentence in report.left_out)

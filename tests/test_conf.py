@@ -126,7 +126,7 @@ def words_for_hydra(
 
 
 @pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
-@pytest.mark.parametrize("recipe", ["explore", "pretrain", "navigate", "tour"])
+@pytest.mark.parametrize("recipe", RECIPES)
 def test_each_recipe_composes_at_each_scale(
     recipe: str, scale: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,11 +134,6 @@ def test_each_recipe_composes_at_each_scale(
     found = settings(recipe, *words_for_hydra(recipe, words, monkeypatch))
     usual = settings(recipe, *maze_of(recipe))
     assert (found == usual) == (scale == "laptop")
-
-
-def test_a_report_has_no_scale() -> None:
-    with pytest.raises(ConfigCompositionException):
-        settings("report", "scale=smoke")
 
 
 @pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])

@@ -78,3 +78,15 @@ def test_without_runs_there_is_one_sentence(tmp_path: Path) -> None:
         f"got none in '{folder.name}'",
     ]
     assert done.returncode == 2
+
+
+@pytest.mark.slow
+def test_a_scale_says_how_many_bootstrap_samples(tmp_path: Path) -> None:
+    make_exploration(tmp_path / "runs", best=[0.9, 0.3, 0.8, 0.4, 0.5])
+    tables = []
+    for words in ((), ("scale=laptop",), ("scale=smoke",), ("draws=200",)):
+        done = report(tmp_path, "runs", *words)
+        assert done.returncode == 0, done.stderr
+        tables.append((tmp_path / "runs" / "report.csv").read_text())
+    usual, laptop, smoke, few = tables
+    assert usual == laptop != smoke == few

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import require
+from toponav.config.checks import require, require_at_least
 
 
 @dataclass
@@ -12,6 +12,7 @@ class SweepReportConfig:
     """Settings of ``recipes/report.py``."""
 
     folder: str = MISSING
+    draws: int = MISSING
 
     def __post_init__(self) -> None:
         require(
@@ -19,3 +20,4 @@ class SweepReportConfig:
             "folder must name the folder of a sweep, such as multirun/explore/<time>",
             f"'{self.folder}'",
         )
+        require_at_least("draws", self.draws, 1)

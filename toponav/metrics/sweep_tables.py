@@ -46,8 +46,10 @@ class Summary:
         return self.scores.values.size
 
 
-def summarize_scores(scores: Scores, *, seed: int = 0) -> Summary:
+def summarize_scores(scores: Scores, *, draws: int = 2000, seed: int = 0) -> Summary:
     """Mean, interquartile mean and top five, the first two with 95 % intervals.
+
+    The intervals come from ``draws`` bootstrap samples.
 
     Examples:
         >>> values = np.array([[80.0, 90.0], [70.0, 80.0]])
@@ -57,8 +59,8 @@ def summarize_scores(scores: Scores, *, seed: int = 0) -> Summary:
     """
     return Summary(
         scores,
-        mean=bootstrap(scores.values, seed=seed),
-        iqm=bootstrap(scores.values, aggregate_iqm, seed=seed),
+        mean=bootstrap(scores.values, draws=draws, seed=seed),
+        iqm=bootstrap(scores.values, aggregate_iqm, draws=draws, seed=seed),
         top=top_mean(scores.values),
     )
 
