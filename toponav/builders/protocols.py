@@ -1,6 +1,6 @@
 """What worlds, consumers of batches and reward methods are to the rest of the house."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -9,19 +9,16 @@ from torch import nn
 from torchrl.envs import EnvBase
 from torchrl.envs.transforms import Transform
 
-from toponav.config import RewardConfig
+from toponav.builders.networks import Networks
+from toponav.config import ExploreConfig, RewardConfig
 from toponav.envs import Layout
 from toponav.worlds import WorldSpec
 
 #: Names of what collecting processes fetch: the explorer's policy, and the TC-network
 #: with its threshold.
 POLICY, NETWORKS = "policy", "networks"
-
-
-class Check(Protocol):
-    """Refuses figures that are not finite."""
-
-    def __call__(self, figures: Mapping[str, float], update: int, /) -> None: ...
+#: Raises if one of the figures of an update, which it gets by number, is not finite.
+Check = Callable[[Mapping[str, float], int], None]
 
 
 class World(Protocol):
@@ -41,13 +38,9 @@ class World(Protocol):
         privileged: bool = False,
         episode_length: int | None = None,
     ) -> EnvBase:
-        """A batch of environments.
+        """A batch of environments; ``privileged`` adds the ground truth, if any.
 
-        Args:
-            batch_size: number E of environments.
-            seed: of their episodes.
-            privileged: whether to add the ground truth, where there is any.
-            episode_length: decisions, instead of the world's own.
+        ``episode_length`` replaces the world's own.
         """
         ...
 
@@ -55,17 +48,18 @@ class World(Protocol):
 class Consumer:
     """Takes every batch of an exploration: a learner, a map, a log.
 
-    A run holds a list of them, hands each batch to all in turn, and keeps their states
-    in its checkpoint. A part that is switched off is not in the list. Each method but
-    `extend` may be left as it is.
+    A run hands each batch to all of its consumers in turn, and keeps their states in
+    its checkpoint. Each method may be left as it is.
     """
 
     #: What it reads of a batch; collectors hand over nothing that nobody reads.
     in_keys: Sequence[NestedKey] = ()
+    #: Names of the attributes that a checkpoint keeps: values, or what has a state.
+    saved: Sequence[str] = ()
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Learn from or remember a batch ``[E, T]``; returns measurements to log."""
-        raise NotImplementedError
+        return {}
 
     def updated(self) -> Collection[str]:
         """Names of the weights that collectors should get now."""
@@ -81,11 +75,21 @@ class Consumer:
         """Called once when no more batches come."""
 
     def state_dict(self) -> dict[str, Any]:
-        """What another one needs to continue."""
-        return {}
+        """What another one needs to continue: the states or values of `saved`."""
+        parts = {name: getattr(self, name) for name in self.saved}
+        return {
+            name: part.state_dict() if hasattr(part, "state_dict") else part
+            for name, part in parts.items()
+        }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue where `state_dict` was taken."""
+        for name in self.saved:
+            part = getattr(self, name)
+            if hasattr(part, "load_state_dict"):
+                part.load_state_dict(state[name])
+            else:
+                setattr(self, name, state[name])
 
 
 class RewardMethod(Consumer):
@@ -94,10 +98,17 @@ class RewardMethod(Consumer):
     It is built by the learning process, where it learns from batches, and by each
     collecting process, where `make_transforms` puts it into the environments; there
     its `modules` are filled with published weights.
+
+    Args:
+        settings: of the run; its own are `config`.
+        world: where the explorer acts.
+        networks: TC-network and L-network; ``None`` in a run without, and in collecting
+            processes.
     """
 
     #: The schema of its settings.
     schema: ClassVar[type[RewardConfig]]
+    config: RewardConfig
     #: Whether it cannot do without a TC-network, and pre-trains one if none is given.
     needs_networks: ClassVar[bool] = False
     #: Whether its transforms write the embedding of each view.
@@ -108,8 +119,11 @@ class RewardMethod(Consumer):
     #: Key of the reward that the explorer learns from.
     reward_key: NestedKey
 
-    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
-        return {}
+    def __init__(
+        self, settings: ExploreConfig, world: World, networks: Networks | None
+    ) -> None:
+        assert isinstance(settings.reward, self.schema)
+        self.config = settings.reward
 
     def modules(self) -> dict[str, nn.Module]:
         """What collecting processes need of it, by the name it is published under."""

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from tensordict import TensorDictBase
 from torch import Tensor, nn
@@ -24,6 +23,8 @@ class BestPolicy(Consumer):
         window: episodes to take the mean of; fewer are not enough.
         networks_version: the version that collectors use now.
     """
+
+    saved = ("best", "best_version", "best_decisions", "weights")
 
     def __init__(
         self,
@@ -60,16 +61,3 @@ class BestPolicy(Consumer):
         weights = self.policy.state_dict().items()
         self.weights = {name: value.cpu().clone() for name, value in weights}
         return {}
-
-    def state_dict(self) -> dict[str, Any]:
-        return {
-            "best": self.best,
-            "best_version": self.best_version,
-            "best_decisions": self.best_decisions,
-            "weights": self.weights,
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.best, self.weights = state["best"], state["weights"]
-        self.best_version = state["best_version"]
-        self.best_decisions = state["best_decisions"]

@@ -48,6 +48,8 @@ class EpisodeLog(Consumer):
         E: environments of a batch.  T: decisions of a rollout.
     """
 
+    saved = ("rows", "decisions")
+
     def __init__(self, num_envs: int, world: World, reward: RewardMethod) -> None:
         self.episode_length = world.episode_length
         self.rows: list[Row] = []
@@ -118,12 +120,6 @@ class EpisodeLog(Consumer):
                     self.last_episode = episode
                 self._pieces, start = [], time[0] + 1
             self._pieces.append(batch[row, start:].clone())
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"rows": self.rows, "decisions": self.decisions}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.rows, self.decisions = list(state["rows"]), int(state["decisions"])
 
 
 def mean_of(rows: Sequence[Row], name: str) -> float:

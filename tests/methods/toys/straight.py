@@ -7,8 +7,8 @@ from tensordict import TensorDictBase
 from torchrl.data import Unbounded
 from torchrl.envs.transforms import Transform
 
-from toponav.builders import Networks, RewardMethod, World
-from toponav.config import ExploreConfig, RewardConfig, require_above_zero
+from toponav.builders import RewardMethod
+from toponav.config import RewardConfig, require_above_zero
 
 
 class StraightReward(Transform):
@@ -44,11 +44,6 @@ class StraightMethod(RewardMethod):
 
     schema = StraightConfig
     reward_key = "straight_reward"
-
-    def __init__(
-        self, settings: ExploreConfig, world: World, networks: Networks | None
-    ) -> None:
-        self.config = settings.reward
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         return [StraightReward(self.config.amount)]

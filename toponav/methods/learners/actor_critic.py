@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from omegaconf import MISSING
@@ -103,6 +102,7 @@ class ActorCriticLearner(Consumer, ABC):
 
     #: What the subclass calls its settings.
     schema: type[ActorCriticConfig]
+    saved: Sequence[str] = ("policy", "optimizer", "scale", "updates")
 
     def __init__(
         self,
@@ -201,16 +201,3 @@ class ActorCriticLearner(Consumer, ABC):
         self.optimizer.step()
         self.updates += 1
         return measured
-
-    def state_dict(self) -> dict[str, Any]:
-        return {
-            "policy": self.policy.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "scale": self.scale.state_dict(),
-            "updates": self.updates,
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        for name in ("policy", "optimizer", "scale"):
-            getattr(self, name).load_state_dict(state[name])
-        self.updates = int(state["updates"])

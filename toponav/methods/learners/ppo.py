@@ -1,6 +1,6 @@
 """PPO: TorchRL's clipped loss over sequences."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,6 +56,7 @@ class PPOLearner(ActorCriticLearner):
     """Several passes over a batch in minibatches of sequences, with Adam."""
 
     schema = PPOConfig
+    saved = (*ActorCriticLearner.saved, "sequences")
     config: PPOConfig
     loss: RecurrentPPOLoss
 
@@ -76,10 +77,3 @@ class PPOLearner(ActorCriticLearner):
         batch = self.loss.estimate_advantage(batch)
         for _ in range(self.config.epochs):
             yield from self.sequences(batch)
-
-    def state_dict(self) -> dict[str, Any]:
-        return super().state_dict() | {"sequences": self.sequences.state_dict()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        super().load_state_dict(state)
-        self.sequences.load_state_dict(state["sequences"])

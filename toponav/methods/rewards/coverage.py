@@ -18,11 +18,6 @@ class CoverageMethod(RewardMethod):
     The key is written by the ``Coverage`` transform, which every environment with
     ground truth has.
 
-    Args:
-        settings: of the run.
-        world: where the explorer acts; it must report ground truth.
-        networks: not used.
-
     Raises:
         SettingsError: in a world without ground truth.
     """
@@ -34,6 +29,7 @@ class CoverageMethod(RewardMethod):
     def __init__(
         self, settings: ExploreConfig, world: World, networks: Networks | None
     ) -> None:
+        super().__init__(settings, world, networks)
         require(
             world.spec.has_truth,
             "reward=coverage must be used in a world that tells poses",

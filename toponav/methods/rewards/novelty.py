@@ -83,16 +83,12 @@ class NoveltyConfig(RewardConfig):
 class NoveltyMethod(RewardMethod):
     """Known places pay by their visits (eq. 6), new ones by temporal distance (eq. 7).
 
-    Args:
-        settings: of the run.
-        world: where the explorer acts.
-        networks: the TC-network judges views, with the threshold calibrated for it.
-
     Raises:
         SettingsError: if the threshold should be a calibrated one and there is none.
     """
 
     schema = NoveltyConfig
+    config: NoveltyConfig
     needs_networks = True
     embeds = True
     reward_key = INTRINSIC_REWARD
@@ -100,8 +96,7 @@ class NoveltyMethod(RewardMethod):
     def __init__(
         self, settings: ExploreConfig, world: World, networks: Networks | None
     ) -> None:
-        assert isinstance(settings.reward, NoveltyConfig)
-        self.config = settings.reward
+        super().__init__(settings, world, networks)
         self.motion = world.spec.motion
         # Waypoints of running episodes are embedded again when the networks change.
         self.keep_images = settings.online.learn

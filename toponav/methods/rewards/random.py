@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from torchrl.envs.transforms import Transform
 
-from toponav.builders import Networks, RewardMethod, World
-from toponav.config import ExploreConfig, RewardConfig
+from toponav.builders import RewardMethod
+from toponav.config import RewardConfig
 from toponav.keys import RANDOM_REWARD
 from toponav.transforms import RandomReward
 
@@ -16,22 +16,11 @@ class RandomConfig(RewardConfig):
 
 
 class RandomMethod(RewardMethod):
-    """A random number in [0, 1) in each decision: what a learner makes of no reward.
-
-    Args:
-        settings: of the run.
-        world: where the explorer acts.
-        networks: not used.
-    """
+    """A random number in [0, 1) in each decision: what a learner makes of no reward."""
 
     schema = RandomConfig
     selection_metric = None
     reward_key = RANDOM_REWARD
-
-    def __init__(
-        self, settings: ExploreConfig, world: World, networks: Networks | None
-    ) -> None:
-        pass
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         return [RandomReward(seed=seed)]

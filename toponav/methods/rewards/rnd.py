@@ -1,8 +1,7 @@
 """Random network distillation: pays for views that are hard to predict."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from omegaconf import MISSING
@@ -56,24 +55,21 @@ class RNDMethod(RewardMethod):
 
     Reference:
         Burda et al., "Exploration by Random Network Distillation" (2018).
-
-    Args:
-        settings: of the run.
-        world: where the explorer acts.
-        networks: not used.
     """
 
     schema = RNDConfig
+    config: RNDConfig
     # The error of any view falls while the predictor learns.
     selection_metric = None
     reward_key = RND_REWARD
-    in_keys: Sequence[NestedKey] = [_NEXT_VIEWS]
+    in_keys = (_NEXT_VIEWS,)
+    saved = ("rnd", "optimizer")
 
     def __init__(
         self, settings: ExploreConfig, world: World, networks: Networks | None
     ) -> None:
-        assert isinstance(settings.reward, RNDConfig)
-        self.config = config = settings.reward
+        super().__init__(settings, world, networks)
+        config = self.config
         self.policy_sees_pixels = settings.policy.input == "pixels"
         self.view_size = (settings.policy.view_size, settings.policy.view_size)
         with torch.random.fork_rng():
@@ -121,13 +117,3 @@ class RNDMethod(RewardMethod):
             self.optimizer.step()
             losses.append(float(loss.detach()))
         return {"loss_predictor": sum(losses) / len(losses)}
-
-    def state_dict(self) -> dict[str, Any]:
-        return {
-            "rnd": self.rnd.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.rnd.load_state_dict(state["rnd"])
-        self.optimizer.load_state_dict(state["optimizer"])
