@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -80,6 +81,32 @@ class TestWorkingFolder:
 
 
 class TestManyStarts:
+    @pytest.mark.skipif(sys.platform != "linux", reason="asks the C library for a hook")
+    def test_processes_are_forked_one_after_the_other(self) -> None:
+        # The hook stands for OpenBLAS's, which ends its threads before each fork, and
+        # where two such hooks at once wait for the same thread, one may wait for ever.
+        script = """
+import ctypes
+
+inside, most, count = 0, 0, 0
+lock = threading.Lock()
+
+@ctypes.CFUNCTYPE(None)
+def before_fork():
+    global inside, most, count
+    with lock:
+        inside, count = inside + 1, count + 1
+        most = max(most, inside)
+    time.sleep(0.2)
+    with lock:
+        inside -= 1
+
+getattr(ctypes.CDLL(None), "__register_atfork")(before_fork, None, None, None)
+DoomMazeEnv(LANE, batch_size=4).close()
+print(most, count >= 4)
+"""
+        assert run(script).split() == ["1", "True"]
+
     @pytest.mark.slow
     def test_forty_eight_at_once_all_succeed(self) -> None:
         script = (

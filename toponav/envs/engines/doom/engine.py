@@ -7,8 +7,9 @@ start of a running script in the same tic unless the number is negative.
 import ctypes
 import os
 import threading
+import time
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -33,9 +34,10 @@ _FIXED_POINT = 65536
 _START_SECONDS = 120.0
 # An engine whose process is not seen for so long is not going to start.
 _SECONDS_WITHOUT_PROCESS = 5.0
-# On a busy machine the process of one start in some hundred is gone before it is up.
-_STARTS = 3
 _first_start = threading.Lock()
+# Two forks at once can hang: before each, OpenBLAS (in SciPy and NumPy) ends its own
+# threads, and of two that wait for the end of the same thread one may wait for ever.
+_forking = threading.Lock()
 
 
 class Engine:
@@ -75,19 +77,16 @@ class Engine:
             instances.sweep()
             check_wad(self._wad, self._map_name)
         instances.end_engines_on_sigterm()
-        for attempt in range(1, _STARTS + 1):
-            self._folder = instances.claim()
-            self._end = weakref.finalize(self, instances.release, self._folder)
-            game = _configure(self._wad, self._map_name, self._folder)
-            for buffer, is_kept in self._buffers.items():
-                getattr(game, f"set_{buffer}")(is_kept)
-            try:
-                _init(game, self._folder)
-                break
-            except EngineError:
-                self._end()
-                if attempt == _STARTS:
-                    raise
+        self._folder = instances.claim()
+        self._end = weakref.finalize(self, instances.release, self._folder)
+        game = _configure(self._wad, self._map_name, self._folder)
+        for buffer, is_kept in self._buffers.items():
+            getattr(game, f"set_{buffer}")(is_kept)
+        try:
+            _init(game, self._folder)
+        except EngineError:
+            self._end()
+            raise
         instances.note_instance(self._folder, game.get_instance_id())
         self._game = game
         _running.add(self)
@@ -169,8 +168,8 @@ _running: "weakref.WeakSet[Engine]" = weakref.WeakSet()
 
 
 def _abandon_parents_engines() -> None:
-    global _first_start
-    _first_start = threading.Lock()
+    global _first_start, _forking
+    _first_start, _forking = threading.Lock(), threading.Lock()
     for engine in list(_running):
         engine.abandon()
 
@@ -201,24 +200,35 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
         except Exception as error:
             failures.append(error)
 
+    def is_up() -> bool:
+        return not starter.is_alive()
+
+    def has_process() -> bool:
+        return instances.engine_pid(folder) is not None
+
     starter = threading.Thread(target=init, daemon=True, name="engine-start")
-    starter.start()
-    # Looks are counted, a second apart, and not the time between them: a machine that
-    # was suspended for a while has not given the process its chance yet.
-    looks = without_process = 0
-    starter.join(1.0)
-    while starter.is_alive():
-        looks += 1
-        found = instances.engine_pid(folder) is not None
-        without_process = 0 if found else without_process + 1
-        if looks > _START_SECONDS or without_process > _SECONDS_WITHOUT_PROCESS:
-            raise EngineError(
-                f"the engine must start within {_START_SECONDS:g} s, and it did not: "
-                "its process was ended from outside, or the machine is overloaded"
-            )
+    with _forking:
+        starter.start()
+        found = _comes_true(lambda: is_up() or has_process(), _SECONDS_WITHOUT_PROCESS)
+    deadline = time.monotonic() + _START_SECONDS
+    while found and not is_up() and time.monotonic() < deadline:
         starter.join(1.0)
+        found = _comes_true(lambda: is_up() or has_process(), _SECONDS_WITHOUT_PROCESS)
+    if not is_up():
+        raise EngineError(
+            f"the engine must start within {_START_SECONDS:g} s, and it did not: "
+            "its process was ended from outside, or the machine is overloaded"
+        )
     if failures:
         raise EngineError(f"the engine must start, got: {failures[0]}")
+
+
+def _comes_true(condition: Callable[[], bool], seconds: float) -> bool:
+    """Whether a condition came true in time; asks often."""
+    deadline = time.monotonic() + seconds
+    while not (holds := condition()) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return holds
 
 
 def _configure(wad: Path, map_name: str, folder: Path) -> "vizdoom.DoomGame":
