@@ -106,12 +106,9 @@ COUNT_REWARD: NestedKey = "count_reward"
 #: float32 [1]; beta / similarity for a new waypoint, else 0, eq. 7.
 #: TemporalDistanceReward -> IntrinsicReward.
 TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
-#: float32 [1]; the sum of both, eq. 8. IntrinsicReward -> learners.
+#: float32 [1]; what the reward method pays. IntrinsicReward (the sum of both, eq. 8),
+#: RandomReward, RNDTransform -> learners.
 INTRINSIC_REWARD: NestedKey = "intrinsic_reward"
-#: float32 [1]; error of the predictor of random network distillation. RND -> learners.
-RND_REWARD: NestedKey = "rnd_reward"
-#: float32 [1]; drawn uniformly from [0, 1). RandomReward -> learners.
-RANDOM_REWARD: NestedKey = "random_reward"
 #: float32 [1]; the reward divided by the standard deviation of its discounted return.
 #: ReturnScale -> losses.
 SCALED_REWARD: NestedKey = "scaled_reward"

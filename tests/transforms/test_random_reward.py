@@ -6,7 +6,7 @@ from torchrl.envs import Compose, TransformedEnv
 
 from tests.checks import check_parallel, check_transform
 from tests.fakes import FakeMaze
-from toponav.keys import PIXELS, RANDOM_REWARD
+from toponav.keys import INTRINSIC_REWARD, PIXELS
 from toponav.transforms import EmbedViews, PreviousReward, RandomReward
 
 
@@ -22,7 +22,7 @@ def make_chain():
     return Compose(
         EmbedViews(mean_colour, in_keys=[PIXELS]),
         RandomReward(seed=0),
-        PreviousReward(in_keys=[RANDOM_REWARD]),
+        PreviousReward(in_keys=[INTRINSIC_REWARD]),
     )
 
 
@@ -52,7 +52,7 @@ def test_specs_hold_in_processes():
 
 def test_it_is_uniform_and_the_tasks_reward_is_untouched():
     data = rewards(0, decisions=1000)
-    drawn = data[RANDOM_REWARD]
+    drawn = data[INTRINSIC_REWARD]
     assert drawn.shape == (4, 1000, 1)
     assert drawn.dtype is torch.float32
     assert 0 <= drawn.min() < drawn.max() < 1
@@ -63,22 +63,24 @@ def test_it_is_uniform_and_the_tasks_reward_is_untouched():
 
 
 def test_envs_and_decisions_differ():
-    drawn = rewards(0)[RANDOM_REWARD]
+    drawn = rewards(0)[INTRINSIC_REWARD]
     assert len(drawn.unique()) > 190
 
 
 def test_the_same_seed_draws_the_same():
     torch.manual_seed(1)
-    first = rewards(3)[RANDOM_REWARD]
+    first = rewards(3)[INTRINSIC_REWARD]
     torch.manual_seed(2)
-    assert torch.equal(rewards(3)[RANDOM_REWARD], first)
-    assert not torch.equal(rewards(4)[RANDOM_REWARD], first)
+    assert torch.equal(rewards(3)[INTRINSIC_REWARD], first)
+    assert not torch.equal(rewards(4)[INTRINSIC_REWARD], first)
     transform = RandomReward()
     transform.set_seed(3)
     env = TransformedEnv(make_maze([4]), transform)
-    drawn = env.rollout(50, break_when_any_done=False)["next", RANDOM_REWARD]
+    drawn = env.rollout(50, break_when_any_done=False)["next", INTRINSIC_REWARD]
     assert torch.equal(drawn, first)
-    assert not torch.equal(rewards(None)[RANDOM_REWARD], rewards(None)[RANDOM_REWARD])
+    assert not torch.equal(
+        rewards(None)[INTRINSIC_REWARD], rewards(None)[INTRINSIC_REWARD]
+    )
 
 
 def test_a_resumed_run_draws_what_comes_next():
@@ -87,7 +89,7 @@ def test_a_resumed_run_draws_what_comes_next():
     saved._step(data, data)
     loaded.load_state_dict(saved.state_dict())
     one, other = (each._step(data, data.clone()) for each in (saved, loaded))
-    assert torch.equal(one[RANDOM_REWARD], other[RANDOM_REWARD])
+    assert torch.equal(one[INTRINSIC_REWARD], other[INTRINSIC_REWARD])
 
 
 def test_what_does_not_fit_is_refused():

@@ -4,7 +4,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.data import Bounded, Composite
 
-from toponav.keys import RANDOM_REWARD
+from toponav.keys import INTRINSIC_REWARD
 from toponav.transforms.specs import KeyedTransform, Keys, SeededMixin
 
 
@@ -21,12 +21,12 @@ class RandomReward(SeededMixin, KeyedTransform):
     Examples:
         >>> from tensordict import TensorDict
         >>> drawn = RandomReward(seed=0)._step(None, TensorDict(batch_size=[2]))
-        >>> drawn["random_reward"].squeeze(-1)
+        >>> drawn["intrinsic_reward"].squeeze(-1)
         tensor([0.4963, 0.7682])
     """
 
     def __init__(self, seed: int | None = None, *, out_keys: Keys = None) -> None:
-        super().__init__([], out_keys, defaults=([], [RANDOM_REWARD]))
+        super().__init__([], out_keys, defaults=([], [INTRINSIC_REWARD]))
         self.set_seed(seed)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:

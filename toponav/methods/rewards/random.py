@@ -6,7 +6,7 @@ from torchrl.envs.transforms import Transform
 
 from toponav.builders import RewardMethod
 from toponav.config import RewardConfig
-from toponav.keys import RANDOM_REWARD
+from toponav.keys import INTRINSIC_REWARD
 from toponav.transforms import RandomReward
 
 
@@ -20,7 +20,7 @@ class RandomMethod(RewardMethod):
 
     schema = RandomConfig
     selection_metric = None
-    reward_key = RANDOM_REWARD
+    reward_key = INTRINSIC_REWARD
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         return [RandomReward(seed=seed)]

@@ -18,7 +18,7 @@ from toponav.config import (
     require_at_least,
     require_between,
 )
-from toponav.keys import POLICY_PIXELS, RND_REWARD
+from toponav.keys import INTRINSIC_REWARD, POLICY_PIXELS
 from toponav.modules import RandomNetworkDistillation
 from toponav.transforms import PolicyPixels
 
@@ -61,7 +61,7 @@ class RNDMethod(RewardMethod):
     config: RNDConfig
     # The error of any view falls while the predictor learns.
     selection_metric = None
-    reward_key = RND_REWARD
+    reward_key = INTRINSIC_REWARD
     in_keys = (_NEXT_VIEWS,)
     saved = ("rnd", "optimizer")
 
@@ -95,7 +95,7 @@ class RNDMethod(RewardMethod):
             self.rnd.target,
             self.rnd.predictor,
             in_keys=[POLICY_PIXELS],
-            out_keys=[RND_REWARD],
+            out_keys=[INTRINSIC_REWARD],
             normalize_obs=False,
             normalize_reward=False,
         )
