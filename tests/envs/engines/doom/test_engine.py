@@ -84,7 +84,7 @@ class TestManyStarts:
     @pytest.mark.skipif(sys.platform != "linux", reason="asks the C library for a hook")
     def test_processes_are_forked_one_after_the_other(self) -> None:
         # The hook stands for OpenBLAS's, which ends its threads before each fork, and
-        # where two such hooks at once wait for the same thread, one may wait for ever.
+        # where two such hooks at once wait for the same thread, one may never return.
         script = """
 import ctypes
 

@@ -36,7 +36,7 @@ _START_SECONDS = 120.0
 _SECONDS_WITHOUT_PROCESS = 5.0
 _first_start = threading.Lock()
 # Two forks at once can hang: before each, OpenBLAS (in SciPy and NumPy) ends its own
-# threads, and of two that wait for the end of the same thread one may wait for ever.
+# threads, and of two that wait for the same thread to end one may never return.
 _forking = threading.Lock()
 
 
