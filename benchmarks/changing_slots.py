@@ -32,7 +32,6 @@ CONF = Path(__file__).resolve().parent.parent / "conf"
 #: What happens at the beginning of each fifth of an episode.
 CHANGES = (None, ("a", True), ("a", False), ("b", True), ("b", False))
 NAMES = ("all open", "a closed", "a open again", "b closed", "b open again")
-_GOAL = 10.0
 
 
 def make_settings(run: str, length: int) -> NavigateConfig:
@@ -58,7 +57,7 @@ def play(
             letter, closed = change
             env.base_env.set_slot(letter, closed=closed)
         step, now = env.step_and_maybe_reset(policy(now))
-        goals[:, fifth] += step["next", REWARD].reshape(-1) >= _GOAL
+        goals[:, fifth] += step["next", REWARD].reshape(-1) >= env.world.goal_reward
     return goals
 
 
@@ -86,7 +85,7 @@ def main() -> None:
         "decisions": arguments.decisions,
     }
     env = make_navigation_env(
-        settings.maze, places, envs=arguments.episodes, seed=settings.seed
+        settings, places, envs=arguments.episodes, seed=settings.seed
     )
     try:
         for name, policy in policies.items():

@@ -18,7 +18,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import InitTracker, TransformedEnv
 from tqdm import tqdm
 
-from toponav.envs import MAZES, MazeEnv, load_engine, load_maze
+from toponav.envs import DEFAULT_ENGINE, MAZES, MazeEnv, load_engine, load_maze
 from toponav.keys import COVERAGE, DECISIONS_TO_COVERAGE
 from toponav.metrics import bootstrap
 from toponav.policies import (
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    world = load_engine("vizdoom").world
+    world = load_engine(DEFAULT_ENGINE).world
     rows = []
     for maze in tqdm(MAZES, desc="maze"):
         mask = torch.from_numpy(load_maze(maze).open_mask)

@@ -29,6 +29,7 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor
 
 from toponav.data import Chunks, Episodes, TCPairs
+from toponav.envs import DEFAULT_ENGINE, load_engine
 from toponav.modules import ConcatComparator, ResNet18, SmallEncoder, TCNetwork
 from toponav.objectives import TCLoss
 
@@ -67,7 +68,7 @@ def best_seconds(*calls: Callable[[], object], windows: int) -> list[float]:
 
 
 #: Height and width of a view in pixels.
-VIEW = (120, 160)
+VIEW = load_engine(DEFAULT_ENGINE).world.view_size
 
 
 def make_views(*batch: int) -> Tensor:

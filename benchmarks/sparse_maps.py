@@ -38,7 +38,6 @@ from toponav.methods.navigators import CHOSEN, make_policies
 from toponav.metrics import bootstrap, map_quality
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
-_GOAL = 10.0
 
 
 def make_settings(run: str, maze: str, length: int) -> NavigateConfig:
@@ -73,7 +72,7 @@ def play(
     now, goals = env.reset(), torch.zeros(env.batch_size)
     for _ in trange(length, desc=name, unit="step"):
         step, now = env.step_and_maybe_reset(policy(now))
-        goals += step["next", REWARD].reshape(-1) >= _GOAL
+        goals += step["next", REWARD].reshape(-1) >= env.world.goal_reward
     return goals
 
 
@@ -97,7 +96,7 @@ def main() -> None:
     settings = make_settings(arguments.run, arguments.maze, arguments.decisions + 1)
     places = make_goal_places(settings, *load_exploration(settings))
     env = make_navigation_env(
-        settings.maze, places, envs=arguments.episodes, seed=settings.seed
+        settings, places, envs=arguments.episodes, seed=settings.seed
     )
     rows = []
     try:

@@ -34,7 +34,9 @@ from toponav.policies import PathFollower
 def main(settings: TourConfig, folder: Path) -> None:
     """Draw the plan, walk, and write the pictures and the video."""
     # The maze, with the ground truth that the oracle and the pictures need.
-    env = make_env(settings.maze, seed=settings.seed, privileged=True)
+    env = make_env(
+        settings.maze, engine=settings.engine, seed=settings.seed, privileged=True
+    )
     try:
         first = env.reset()
         scene, layout, motion = env.scenes[0], env.layout, env.world.motion

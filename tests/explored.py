@@ -6,8 +6,7 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from tests.exploring import explore_settings
-from tests.models import WORLD
+from tests.exploring import explore_settings, world_of
 from toponav.builders import (
     MAP_FILE,
     POSES_FILE,
@@ -39,7 +38,7 @@ def make_run(folder: Path, *overrides: str) -> ExploreConfig:
     (folder / "config").mkdir(exist_ok=True)
     OmegaConf.save(OmegaConf.structured(config), folder / "config" / "config.yaml")
     torch.manual_seed(0)
-    networks = make_networks(config.model, WORLD)
+    networks = make_networks(config.model, world_of(config).spec)
     networks.modules.eval()
     networks.thresholds = {"tc_threshold": 0.9, "tc_reach": 0.3}
     save_networks(networks, folder / "networks.pt")
@@ -56,11 +55,13 @@ def write_map(folder: Path, config: ExploreConfig, *, cells: int | None = None) 
         config: of the run.
         cells: how many of the maze's cells are on the map, all by default.
     """
-    tc, layout = load_networks(folder).tc, make_layout(config.maze)
+    world, networks = world_of(config).spec, load_networks(folder)
+    tc, layout = networks.tc, make_layout(config.maze)
     known = list(layout.cells)[:cells]
     places = [(cell, turn) for cell in known for turn in DIRECTIONS]
     generator = torch.Generator().manual_seed(0)
-    shape = (len(places), 60, 80, 3)
+    height, width = world.view_size
+    shape = (len(places), height // 2, width // 2, 3)
     images = torch.randint(256, shape, generator=generator, dtype=torch.uint8)
     embeddings = tc.embed(images) if len(images) else torch.empty(0, 8)
     edges = [
@@ -84,5 +85,6 @@ def write_map(folder: Path, config: ExploreConfig, *, cells: int | None = None) 
         "tc_reach": 0.3,
     }
     save_map(state, folder / MAP_FILE)
-    poses = [(*layout.centre(cell, 128.0), turn) for cell, turn in places]
+    size = world.motion.cell_size
+    poses = [(*layout.centre(cell, size), turn) for cell, turn in places]
     np.save(folder / POSES_FILE, np.array(poses, np.float32).reshape(-1, 3))

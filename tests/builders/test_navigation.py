@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.envs import fake_engine
 from tests.explored import make_run, write_map
 from tests.test_conf import settings
 from toponav.builders import (
@@ -16,6 +17,7 @@ from toponav.builders import (
     make_navigation_env,
 )
 from toponav.config import NavigateConfig, SettingsError
+from toponav.envs import DEFAULT_ENGINE, ENGINES
 from toponav.keys import GOAL_CELL
 
 Explored = tuple[AgentKnowledge, GroundTruth]
@@ -91,7 +93,7 @@ def test_goals_are_only_where_there_are_pictures(tmp_path):
     places = make_goal_places(wanted, *load_exploration(wanted))
     assert places.cells.tolist() == [[1, 1], [1, 2], [1, 3]]
     assert places.num_without == 4
-    env = make_navigation_env(wanted.maze, places, envs=2, seed=0)
+    env = make_navigation_env(wanted, places, envs=2, seed=0)
     try:
         drawn = {
             tuple(one) for _ in range(6) for one in env.reset()[GOAL_CELL].tolist()
@@ -122,7 +124,7 @@ def test_a_run_that_is_none_is_one_sentence(tmp_path):
     assert refused(navigate_settings(None)) == (
         "run must name the folder of an exploration, got none"
     )
-    config = navigate_settings(None, f"run={tmp_path}")
+    config = navigate_settings(None, f"run={tmp_path}", f"engine={DEFAULT_ENGINE}")
     assert refused(config) == (
         f"run must name the folder of an exploration, got '{tmp_path}'"
     )
@@ -164,3 +166,32 @@ def test_a_broken_map_is_one_sentence(tmp_path):
     assert "whose map has waypoints, got an empty map" in refused(
         navigate_settings(tmp_path)
     )
+
+
+def test_the_world_is_that_of_the_engine_of_the_run(tmp_path, monkeypatch):
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    make_run(tmp_path, "engine=fake", "policy.view_size=36")
+    config = navigate_settings(tmp_path)
+    assert config.engine == "fake"
+    knowledge, truth = load_exploration(config)
+    assert knowledge.world == fake_engine.WORLD
+    assert truth.distances.cell_size == fake_engine.WORLD.motion.cell_size
+    places = make_goal_places(config, knowledge, truth)
+    env = make_navigation_env(config, places, envs=2, seed=0)
+    assert env.world == fake_engine.WORLD
+    env.close()
+
+
+def test_an_earlier_run_names_no_engine_and_had_the_default(tmp_path):
+    make_run(tmp_path)
+    file = tmp_path / "config/config.yaml"
+    file.write_text(file.read_text().replace("engine: vizdoom\n", ""))
+    assert navigate_settings(tmp_path).engine == DEFAULT_ENGINE
+
+
+def test_an_engine_with_other_views_is_one_sentence(folder, monkeypatch):
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    config = navigate_settings(folder, "engine=fake")
+    assert refused(config).startswith("run must name networks for views of 24 x 36")
+    config = navigate_settings(folder, "engine=fak")
+    assert "engine must be one of fake, vizdoom, got 'fak'" in refused(config)

@@ -9,12 +9,14 @@ from tensordict import TensorDict
 
 from tests.models import WORLD, tiny_model
 from tests.training.test_pretraining import settings
-from toponav.builders import MAZE_WORLD, make_networks
+from toponav.builders import engine_world, make_networks
 from toponav.data import HeldOut
-from toponav.envs import load_layout_file
+from toponav.envs import DEFAULT_ENGINE, load_layout_file
 from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, POSITION
 from toponav.reports import make_truth, summarize, write_reports
 from toponav.training import Validation
+
+MAZE_WORLD = engine_world(DEFAULT_ENGINE)
 
 
 def make_held_out(name, *, poses):

@@ -175,18 +175,20 @@ def test_a_sparse_map_keeps_its_poses(tmp_path) -> None:
 def test_thresholds_are_calibrated_or_given() -> None:
     config = explore_settings().map
     settings_ = explore_settings()
-    tc = make_networks(settings_.model, world_of(settings_).spec).tc.eval()
-    found = make_map(config, tc, THRESHOLDS)
+    world = world_of(settings_).spec
+    tc = make_networks(settings_.model, world).tc.eval()
+    found = make_map(config, tc, THRESHOLDS, world=world)
     assert (found.tc_threshold, found.tc_reach) == (0.6, 0.55)
     # A calibrated reach above the threshold is brought down to it.
-    assert make_map(config, tc, THRESHOLDS | {"tc_reach": 0.9}).tc_reach == 0.6
+    far = THRESHOLDS | {"tc_reach": 0.9}
+    assert make_map(config, tc, far, world=world).tc_reach == 0.6
     with pytest.raises(
         SettingsError, match="have no calibrated tc_threshold, got auto"
     ):
-        make_map(config, tc, {})
+        make_map(config, tc, {}, world=world)
     high = explore_settings("map.tc_reach=0.9").map
     with pytest.raises(SettingsError, match=r"at most map.tc_threshold = 0.6, got"):
-        make_map(high, tc, THRESHOLDS)
+        make_map(high, tc, THRESHOLDS, world=world)
 
 
 def test_decisions_of_all_earlier_runs_add_up(tmp_path) -> None:

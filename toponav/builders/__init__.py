@@ -14,7 +14,11 @@ from toponav.builders.devices import (
     one_thread as one_thread,
 )
 from toponav.builders.maps import make_map as make_map
-from toponav.builders.mazes import make_env as make_env, make_layout as make_layout
+from toponav.builders.mazes import (
+    engine_world as engine_world,
+    make_env as make_env,
+    make_layout as make_layout,
+)
 from toponav.builders.navigation import (
     MAP_FILE as MAP_FILE,
     POSES_FILE as POSES_FILE,
@@ -29,7 +33,6 @@ from toponav.builders.navigation_goals import (
     make_navigation_env as make_navigation_env,
 )
 from toponav.builders.networks import (
-    MAZE_WORLD as MAZE_WORLD,
     NETWORKS_FILE as NETWORKS_FILE,
     Networks as Networks,
     load_networks as load_networks,

@@ -129,7 +129,7 @@ def frames_that_fit(gb: float, view_size: tuple[int, int], *, halve: bool) -> in
     """Number of frames whose views take so many gigabytes.
 
     Examples:
-        >>> frames_that_fit(0.001, (120, 160), halve=True)
+        >>> frames_that_fit(0.001, (60, 80), halve=False)
         69
     """
     side = 2 if halve else 1

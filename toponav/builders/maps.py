@@ -5,7 +5,6 @@ from dataclasses import fields
 
 from torch import Tensor
 
-from toponav.builders.networks import MAZE_WORLD
 from toponav.builders.novelty import network_dtype
 from toponav.config import MapConfig, SettingsError
 from toponav.graph import MapRules, TopologicalMap
@@ -18,7 +17,7 @@ def make_map(
     tc: TCNetwork,
     thresholds: Mapping[str, float],
     *,
-    world: WorldSpec = MAZE_WORLD,
+    world: WorldSpec,
 ) -> TopologicalMap:
     """An empty map.
 

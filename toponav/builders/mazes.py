@@ -8,10 +8,12 @@ from toponav.config import MazeConfig, SettingsError
 from toponav.envs import (
     Layout,
     MazeEnv,
+    load_engine,
     load_layout_file,
     load_maze,
     make_random_layout,
 )
+from toponav.worlds import WorldSpec
 
 
 def make_layout(config: MazeConfig) -> Layout:
@@ -33,10 +35,22 @@ def make_layout(config: MazeConfig) -> Layout:
         raise SettingsError(str(error)) from error
 
 
+def engine_world(engine: str) -> WorldSpec:
+    """The numbers of the mazes on an engine.
+
+    Raises:
+        SettingsError: if no engine has this name.
+    """
+    try:
+        return load_engine(engine).world
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
 def make_env(
     config: MazeConfig,
     *,
-    engine: str = "vizdoom",
+    engine: str,
     batch_size: int | None = None,
     seed: int = 0,
     privileged: bool = False,
@@ -59,6 +73,7 @@ def make_env(
         EngineError: if the engine is not installed or cannot load the maze.
     """
     layout = make_layout(config)
+    engine_world(engine)  # refuses an unknown one
     try:
         return MazeEnv(
             layout,

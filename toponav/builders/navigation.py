@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from toponav.builders.mazes import make_layout
-from toponav.builders.networks import MAZE_WORLD, Networks, load_networks
+from toponav.builders.mazes import engine_world, make_layout
+from toponav.builders.networks import Networks, load_networks
 from toponav.config import MazeConfig, NavigateConfig, SettingsError, run_setting
 from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
@@ -57,20 +57,20 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
 
     Raises:
         SettingsError: if it names no exploration, one without networks or waypoints, or
-            one of another maze than ``maze``.
+            one of another maze than ``maze`` or for other views than ``engine`` draws.
     """
     layout = make_layout(config.maze)
     require_same_maze(config.run, config.maze, layout)
-    folder = Path(str(config.run))
-    networks = load_networks(folder, setting="run")
+    folder, world = Path(str(config.run)), engine_world(config.engine)
+    networks = load_networks(folder, setting="run", world=world)
     topological_map = _load_map(folder, networks)
     poses = _load_poses(folder, topological_map.num_waypoints)
     distances = GroundTruthDistances(
         torch.as_tensor(layout.open_mask),
-        cell_size=require_motion(MAZE_WORLD).cell_size,
+        cell_size=require_motion(world).cell_size,
         slot_cells=list(layout.slots.values()),
     )
-    knowledge = AgentKnowledge(MAZE_WORLD, networks, topological_map)
+    knowledge = AgentKnowledge(world, networks, topological_map)
     return knowledge, GroundTruth(poses, layout, distances)
 
 

@@ -13,7 +13,7 @@ from toponav.builders.mazes import make_env
 from toponav.builders.navigation import AgentKnowledge, GroundTruth
 from toponav.builders.rollouts import collect_rollout
 from toponav.builders.seeds import seed_of
-from toponav.config import MazeConfig, NavigateConfig, SettingsError
+from toponav.config import NavigateConfig, SettingsError
 from toponav.ground_truth import pick_goal_views
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
 from toponav.policies import FrontierExpert
@@ -100,7 +100,9 @@ def _walk_for_views(
     seed, keys = seed_of(config.seed, _WALK), [PIXELS, POSITION, HEADING]
     views: Tensor | None = None
     poses = np.empty((0, 3))
-    env = make_env(maze, batch_size=_WALKERS, seed=seed, privileged=True)
+    env = make_env(
+        maze, engine=config.engine, batch_size=_WALKERS, seed=seed, privileged=True
+    )
     walker = FrontierExpert(
         torch.as_tensor(truth.layout.open_mask),
         world=env.world,
@@ -126,14 +128,14 @@ def _walk_for_views(
 
 
 def make_navigation_env(
-    maze: MazeConfig, places: GoalPlaces, *, envs: int, seed: int
+    config: NavigateConfig, places: GoalPlaces, *, envs: int, seed: int
 ) -> EnvBase:
     """A batch of mazes with a goal, its pictures, and all that a navigator reads.
 
     The ground truth is there too, for those who judge and for the oracle.
 
     Args:
-        maze: with ``goal`` true.
+        config: of the run.
         places: where the goal can be.
         envs: number of mazes E side by side.
         seed: of the episodes.
@@ -143,7 +145,14 @@ def make_navigation_env(
         EngineError: if the engine cannot start.
     """
     cells = [(row, column) for row, column in places.cells.tolist()]
-    env = make_env(maze, batch_size=envs, seed=seed, privileged=True, goal_cells=cells)
+    env = make_env(
+        config.maze,
+        engine=config.engine,
+        batch_size=envs,
+        seed=seed,
+        privileged=True,
+        goal_cells=cells,
+    )
     goal_reward = env.world.goal_reward
     assert goal_reward is not None  # mazes have goals
     return TransformedEnv(

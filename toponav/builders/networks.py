@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from toponav.config import ModelConfig, SettingsError
-from toponav.envs import load_engine
+from toponav.envs import DEFAULT_ENGINE, load_engine
 from toponav.modules import (
     ConcatComparator,
     DifferenceComparator,
@@ -24,8 +24,6 @@ from toponav.worlds import WorldSpec
 #: The file in a run folder that holds the networks.
 NETWORKS_FILE = "networks.pt"
 _KIND, _VERSION = "toponav networks", 1
-#: The world of the mazes.
-MAZE_WORLD = load_engine("vizdoom").world
 
 
 @dataclass
@@ -194,9 +192,10 @@ def load_networks(
             f"{setting} must name networks of version {_VERSION}, got {file} with "
             f"{state.get('kind', 'something else')} {state.get('version', '')}".rstrip()
         )
-    # Earlier versions knew the mazes alone, and did not write their numbers.
-    height, width = state.get("view_size", MAZE_WORLD.view_size)
-    num_actions = int(state.get("num_actions", MAZE_WORLD.num_actions))
+    # Earlier versions knew one engine alone, and did not write its numbers.
+    default = load_engine(DEFAULT_ENGINE).world
+    height, width = state.get("view_size", default.view_size)
+    num_actions = int(state.get("num_actions", default.num_actions))
     made_for = WorldSpec(
         view_size=(height, width), actions=tuple(map(str, range(num_actions)))
     )

@@ -24,6 +24,7 @@ from toponav.builders.networks import (
 )
 from toponav.builders.protocols import World
 from toponav.config import ExploreConfig, MazeConfig, TrainingError
+from toponav.envs import DEFAULT_ENGINE
 from toponav.runs import CHECKPOINT_FILE
 
 _WAIT_S = 20
@@ -129,7 +130,9 @@ def pretraining_decisions(config: ExploreConfig) -> float:
 
 def pretraining_folder(config: ExploreConfig) -> Path:
     """Where a pre-training with these settings is kept; its name has their key."""
-    maze, content = pretraining_maze(config), list(pretraining_overrides(config))
+    maze, content = pretraining_maze(config), pretraining_overrides(config)
+    # Keys of earlier versions, which had one engine, are still valid.
+    content = [word for word in content if word != f"engine={DEFAULT_ENGINE}"]
     if maze.name == "file" and config.world.name == "maze":
         # A file may change under the same path.
         content.append(make_layout(maze).text)
@@ -154,12 +157,10 @@ def pretraining_overrides(config: ExploreConfig) -> list[str]:
         "model": asdict(config.model),
         "pairs": asdict(config.pairs),
     }
-    other = []
+    other = [f"engine={config.engine}"]
     if config.world.name != "maze":
-        other.append(f"world={config.world.name}")
+        other.insert(0, f"world={config.world.name}")
         groups["world"] = asdict(config.world)
-    if config.engine != "vizdoom":
-        other.append(f"engine={config.engine}")
     values = [
         f"{group}.{name}={_in_hydra(value)}"
         for group, settings in groups.items()

@@ -64,6 +64,7 @@ class NavigateVideoConfig:
 class NavigateConfig:
     """Settings of ``recipes/navigate.py``."""
 
+    engine: str = MISSING
     maze: MazeConfig = MISSING
     navigator: NavigatorConfig = MISSING
     goals: GoalsConfig = MISSING

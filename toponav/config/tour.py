@@ -12,6 +12,7 @@ from toponav.config.maze import MazeConfig
 class TourConfig:
     """Settings of ``recipes/tour.py``."""
 
+    engine: str = MISSING
     maze: MazeConfig = MISSING
     seed: int = MISSING
     decisions: int = MISSING

@@ -1,6 +1,7 @@
 """Mazes on 3-D engines and other pixel worlds, as TorchRL environments."""
 
 from toponav.envs.engines import (
+    DEFAULT_ENGINE as DEFAULT_ENGINE,
     ENGINES as ENGINES,
     end_stray_engines as end_stray_engines,
     load_engine as load_engine,

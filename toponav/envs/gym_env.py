@@ -35,8 +35,8 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
         >>> import toponav.envs
         >>> env = gymnasium.make("toponav/Maze1-v0", apples=5, goal=True)
         >>> view, info = env.reset(seed=0)
-        >>> view.shape, info["blocked"]
-        ((120, 160, 3), array([False, False]))
+        >>> view.shape == (*env.unwrapped.world.view_size, 3), info["blocked"]
+        (True, array([False, False]))
         >>> env.close()
     """
 

@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 
 from toponav.envs.batched_games import BatchedGames, Snapshot
 from toponav.envs.depth import DepthCaster
-from toponav.envs.engines import load_engine
+from toponav.envs.engines import DEFAULT_ENGINE, load_engine
 from toponav.envs.game import Look
 from toponav.envs.layout import Layout
 from toponav.envs.layout_rules import Cell
@@ -78,7 +78,7 @@ class MazeEnv(EnvBase):
         self,
         layout: Layout,
         *,
-        engine: str = "vizdoom",
+        engine: str = DEFAULT_ENGINE,
         batch_size: int | None = None,
         apples: int = 0,
         goal: bool = False,

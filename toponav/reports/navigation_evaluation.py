@@ -85,7 +85,7 @@ def play_policies(
     wanted, length = config.evaluate.episodes, config.maze.episode_length
     envs = min(wanted, _MAX_ENVS)
     rounds = math.ceil(wanted / envs)
-    env = make_navigation_env(config.maze, places, envs=envs, seed=0)
+    env = make_navigation_env(config, places, envs=envs, seed=0)
     bar = tqdm(total=len(policies) * rounds * envs * length, unit="decision")
     found = []
     try:

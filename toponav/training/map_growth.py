@@ -70,7 +70,9 @@ class MapGrowth(Consumer):
         self.pretraining_decisions = pretraining_decisions
         novelty = for_inference(Novelty(copy.deepcopy(networks.tc)), settings.model)
         self.tc = novelty.tc.eval()
-        self.map: TopologicalMap = make_map(self.config, self.tc, networks.thresholds)
+        self.map: TopologicalMap = make_map(
+            self.config, self.tc, networks.thresholds, world=world.spec
+        )
         self.truth = MapTruth(world) if world.layout is not None else None
         self.decisions = 0
         self.rows: list[Row] = []

@@ -10,6 +10,8 @@ from toponav.envs.game import GameEngine
 ENGINES = {
     "vizdoom": "toponav.envs.engines.doom",
 }
+#: The engine of a `MazeEnv` that is told none, and of files that name none.
+DEFAULT_ENGINE = "vizdoom"
 
 
 def load_engine(name: str) -> GameEngine:

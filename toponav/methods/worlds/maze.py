@@ -4,15 +4,14 @@ from dataclasses import dataclass, replace
 
 from torchrl.envs import EnvBase
 
-from toponav.builders import make_env, make_layout
+from toponav.builders import engine_world, make_env, make_layout
 from toponav.config import (
     ExploreConfig,
     MazeConfig,
     PretrainConfig,
-    SettingsError,
     WorldConfig,
 )
-from toponav.envs import Layout, load_engine
+from toponav.envs import Layout
 from toponav.worlds import WorldSpec
 
 
@@ -35,10 +34,7 @@ class MazeWorld:
     schema = MazeWorldConfig
 
     def __init__(self, maze: MazeConfig, engine: str) -> None:
-        try:
-            self.spec: WorldSpec = load_engine(engine).world
-        except ValueError as error:
-            raise SettingsError(str(error)) from error
+        self.spec: WorldSpec = engine_world(engine)
         self.maze = maze
         self.engine = engine
         self.name = maze.name
