@@ -142,7 +142,8 @@ def test_a_full_ring_that_was_loaded_is_read(tmp_path: Path) -> None:
 def test_an_empty_storage_has_no_episodes() -> None:
     episodes = find_episodes(LazyTensorStorage(10))
     assert len(episodes.length) == 0
-    assert episodes.longest == 0
+    with pytest.raises(ValueError, match=r"at least 1 decisions \(one\), got 0"):
+        episodes.require(1, "one")
 
 
 def test_a_place_knows_its_run() -> None:

@@ -159,10 +159,12 @@ def test_a_buffer_that_is_too_short_says_so() -> None:
         l_pairs=LPairs(3),
         embed_tc=embed,
     )
-    with pytest.raises(ValueError, match="at least 101 decisions, got 60 at most"):
+    with pytest.raises(ValueError, match=r"at least 101 decisions .*, got 60 at most"):
         pairs()
     pairs = DrawnPairs(buffer.storage, 40, **wide, l_pairs=LPairs(3))
-    with pytest.raises(ValueError, match=r"more than M \* k = 5 \* 20 = 100"):
+    with pytest.raises(
+        ValueError, match=r"101 decisions \(more than M \* k = 5 \* 20\)"
+    ):
         pairs()
     with pytest.raises(ValueError, match="max_pairs must be at least 2, got 1"):
         mined(buffer, max_pairs=1)

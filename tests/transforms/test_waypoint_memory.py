@@ -207,10 +207,12 @@ def test_earlier_results_do_not_change_afterwards():
 @pytest.mark.parametrize("number", [math.nan, math.inf])
 def test_broken_embeddings_are_named(number):
     memory = make_memory()
-    with pytest.raises(ValueError, match=r"'embedding' must be finite, .* 1 of 2"):
+    with pytest.raises(
+        ValueError, match=r"embed must return finite numbers, .* 1 of 2"
+    ):
         reset(memory, shade(number, 0.0))
     reset(memory, shade(0.0, 0.0))
-    with pytest.raises(ValueError, match="'embedding' must be finite"):
+    with pytest.raises(ValueError, match="embed must return finite"):
         step(memory, shade(0.0, number))
 
 
@@ -218,7 +220,7 @@ def test_broken_embeddings_are_named(number):
 def test_broken_similarities_are_named(wrong):
     memory = WaypointMemory(embed, lambda one, many: compare(one, many) * wrong)
     reset(memory, shade(0.0))
-    with pytest.raises(ValueError, match=r"'similarity' must be in \[0, 1\], got"):
+    with pytest.raises(ValueError, match=r"compare must return .* in \[0, 1\], got"):
         step(memory, shade(0.0))
 
 

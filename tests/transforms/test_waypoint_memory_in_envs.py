@@ -284,7 +284,7 @@ def test_what_does_not_fit_is_refused_with_the_specs(memory, message):
 def make_far_memory(*callables, **arguments):
     """A memory that works as on a device that must be waited for."""
     memory = WaypointMemory(*callables, **arguments)
-    memory.reads.is_free = lambda device: False
+    memory._is_free = lambda device: False
     return memory
 
 
@@ -322,7 +322,7 @@ def test_broken_embeddings_are_found_soon_without_looking_each_time():
     memory = make_far_memory(embed, compare)
     reset(memory, shade(0.0))
     broken = shade(float("nan"))
-    with pytest.raises(ValueError, match="'embedding' must be finite"):
+    with pytest.raises(ValueError, match="embed must return finite"):
         [step(memory, broken.clone()) for _ in range(20)]
 
 

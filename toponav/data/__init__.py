@@ -4,6 +4,7 @@ from toponav.data.chunks import Chunks as Chunks
 from toponav.data.episode_sampler import (
     DrawRule as DrawRule,
     EpisodeSampler as EpisodeSampler,
+    SplitPairs as SplitPairs,
 )
 from toponav.data.episodes import Episodes as Episodes, find_episodes as find_episodes
 from toponav.data.held_out import HeldOut as HeldOut, PairSet as PairSet
@@ -13,5 +14,4 @@ from toponav.data.pair_sources import (
     Embed as Embed,
     MinedPairs as MinedPairs,
 )
-from toponav.data.split_pairs import SplitPairs as SplitPairs
 from toponav.data.tc_pairs import TCPairs as TCPairs

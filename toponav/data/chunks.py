@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from toponav.data.episodes import Episodes
+from toponav.data.pairs import draw_below
 from toponav.keys import EPISODE, STEP
 
 
@@ -24,9 +25,6 @@ class Chunks:
         chunk_len: frames in a chunk; more than the largest distance of a positive pair.
         min_length: shorter episodes are left out; TC pairs need more than M * k.
 
-    Raises:
-        ValueError: if a number is below 1; from ``draw``, if a batch cannot be made.
-
     Examples:
         >>> episodes = Episodes.from_lengths([50, 80])
         >>> place, extra = Chunks(2, 5).draw(episodes, 20, None)
@@ -40,7 +38,7 @@ class Chunks:
 
     def __post_init__(self) -> None:
         if min(self.chunks_per_episode, self.chunk_len, self.min_length) < 1:
-            raise ValueError(f"every number of Chunks must be at least 1, got {self}.")
+            raise ValueError(f"every number of Chunks must be at least 1, got {self}")
 
     def draw(
         self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
@@ -49,36 +47,24 @@ class Chunks:
         per_episode = self.chunks_per_episode * self.chunk_len
         num_episodes = batch_size // per_episode
         if num_episodes < 1 or batch_size % per_episode:
+            nearest = max(round(batch_size / per_episode), 1) * per_episode
             raise ValueError(
                 f"batch_size must be a multiple of chunks_per_episode * chunk_len = "
-                f"{per_episode}, got {batch_size}; the nearest is "
-                f"{max(round(batch_size / per_episode), 1) * per_episode}."
+                f"{per_episode}, got {batch_size}; the nearest is {nearest}"
             )
         shortest = max(self.min_length, self.chunk_len)
+        episodes.require(shortest, "min_length and chunk_len")
         usable = (episodes.length >= shortest).nonzero().squeeze(-1)
-        if not len(usable):
-            raise ValueError(
-                f"the buffer must hold an episode of at least {shortest} decisions, "
-                f"got {episodes.longest} at most; collect more, or lower min_length."
-            )
-        length = episodes.length[usable]
         chosen = torch.multinomial(
-            length.double(),
+            episodes.length[usable].double(),
             num_episodes,
             replacement=num_episodes > len(usable),
             generator=generator,
         )
-        run = usable[chosen]
-        uniform = torch.rand(
-            num_episodes,
-            self.chunks_per_episode,
-            dtype=torch.float64,
-            generator=generator,
-        )
+        run = usable[chosen].unsqueeze(-1)
         num_starts = episodes.length[run] - self.chunk_len + 1
-        first = (uniform * num_starts.unsqueeze(-1)).long()
+        first = draw_below(num_starts.expand(-1, self.chunks_per_episode), generator)
         offset = (first.unsqueeze(-1) + torch.arange(self.chunk_len)).flatten(1)
-        run = run.unsqueeze(-1)
         return episodes.start[run] + offset, {
             EPISODE: episodes.group_start[run].expand_as(offset),
             STEP: episodes.first_step[run] + offset,

@@ -1,15 +1,15 @@
-"""`EpisodeSampler`: a TorchRL sampler that draws frames by a rule over episodes."""
+"""`EpisodeSampler` and `SplitPairs`: frames of a replay buffer by a rule, in pairs."""
 
-from pathlib import Path
 from typing import Protocol
 
 import torch
-from tensordict import NestedKey
+from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data.replay_buffers import Sampler, Storage
+from torchrl.envs.transforms import Transform
 
 from toponav.data.episodes import Episodes, find_episodes
-from toponav.keys import TRAJECTORY
+from toponav.keys import ANCHOR, NETWORK_PIXELS, OTHER
 
 
 class DrawRule(Protocol):
@@ -31,8 +31,6 @@ class EpisodeSampler(Sampler):
 
     Args:
         rule: which frames form a batch.
-        trajectory_key: see `find_episodes`.
-        step_key: see `find_episodes`.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -42,60 +40,67 @@ class EpisodeSampler(Sampler):
         ...     storage=LazyTensorStorage(100), sampler=EpisodeSampler(Chunks(2, 5))
         ... )
         >>> frames = TensorDict({"step_count": torch.arange(60)}, [60])
-        >>> _ = buffer.extend(frames.set(TRAJECTORY, torch.zeros(60)))
+        >>> _ = buffer.extend(frames.set(("collector", "traj_ids"), torch.zeros(60)))
         >>> buffer.sample(20).batch_size
         torch.Size([2, 10])
     """
 
-    def __init__(
-        self,
-        rule: DrawRule,
-        *,
-        trajectory_key: NestedKey = TRAJECTORY,
-        step_key: NestedKey = "step_count",
-    ) -> None:
+    def __init__(self, rule: DrawRule) -> None:
         self.rule = rule
-        self.trajectory_key = trajectory_key
-        self.step_key = step_key
         self._episodes: Episodes | None = None
 
     def sample(
         self, storage: Storage, batch_size: int
     ) -> tuple[Tensor | tuple[Tensor, ...], dict[str, Tensor]]:
         if self._episodes is None:
-            self._episodes = find_episodes(
-                storage, trajectory_key=self.trajectory_key, step_key=self.step_key
-            )
+            self._episodes = find_episodes(storage)
         place, info = self.rule.draw(self._episodes, batch_size, self._rng)
         row = self._episodes.order[place]
         if storage.ndim == 1:
             return row, info
         return torch.unravel_index(row, storage.shape), info
 
+    def _forget(self, *args: object, **kwargs: object) -> None:
+        self._episodes = None
+
     # The buffer calls these when its content changed.
-    def add(self, index: int) -> None:
-        self._episodes = None
-
-    def extend(self, index: Tensor) -> None:
-        self._episodes = None
-
-    def mark_update(
-        self, index: int | Tensor, *, storage: Storage | None = None
-    ) -> None:
-        self._episodes = None
-
-    def _empty(self) -> None:
-        self._episodes = None
+    add = extend = mark_update = _empty = load_state_dict = loads = _forget
 
     # Nothing to keep: the list of episodes follows from the storage.
     def state_dict(self) -> dict[str, Tensor]:
         return {}
 
-    def load_state_dict(self, state_dict: dict[str, Tensor]) -> None:
-        self._episodes = None
-
-    def dumps(self, path: str | Path) -> None:
+    def dumps(self, path: object) -> None:
         pass
 
-    def loads(self, path: str | Path) -> None:
-        self._episodes = None
+
+class SplitPairs(Transform):
+    """Turn a sample of pairs, batch ``[P, 2]``, into one of batch ``[P]``.
+
+    For a replay buffer whose `EpisodeSampler` draws `TCPairs` or `LPairs`. The entry
+    ``in_key`` of the two frames becomes ``anchor`` and ``other``; of all else, such as
+    the action, the anchor's is kept. ValueError if the sample is not made of pairs.
+
+    Args:
+        in_key: entry of a frame; ``[P, 2, *D]``.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> pairs = TensorDict({"network_pixels": torch.zeros(64, 2, 6, 8, 3)}, [64, 2])
+        >>> SplitPairs()(pairs)["anchor"].shape
+        torch.Size([64, 6, 8, 3])
+    """
+
+    def __init__(self, in_key: NestedKey = NETWORK_PIXELS) -> None:
+        super().__init__(in_keys=[in_key], out_keys=[ANCHOR, OTHER])
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if tensordict.ndim < 2 or tensordict.shape[-1] != 2:
+            raise ValueError(
+                f"the sample must be of pairs, batch size [P, 2], got "
+                f"{list(tensordict.shape)}; give the buffer EpisodeSampler(TCPairs())"
+            )
+        (in_key,) = self.in_keys
+        first, second = tensordict.unbind(-1)
+        pairs = first.exclude(in_key)
+        return pairs.update({ANCHOR: first.get(in_key), OTHER: second.get(in_key)})

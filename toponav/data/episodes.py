@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import torch
-from tensordict import NestedKey
 from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
 from torchrl.data.replay_buffers import Storage
 
 from toponav.keys import TRAJECTORY
@@ -51,26 +51,21 @@ class Episodes:
         """The run to which places in ``order`` belong."""
         return torch.searchsorted(self.start, place, right=True) - 1
 
-    @property
-    def longest(self) -> int:
-        """Decisions in the longest run, 0 without any."""
-        return int(self.length.max()) if len(self.length) else 0
+    def require(self, length: int, why: str) -> None:
+        """ValueError if no run has so many decisions; ``why`` names what needs them."""
+        longest = int(self.length.max()) if len(self.length) else 0
+        if longest < length:
+            raise ValueError(
+                f"the buffer must hold an episode of at least {length} decisions "
+                f"({why}), got {longest} at most; collect more"
+            )
 
 
-def find_episodes(
-    storage: Storage,
-    *,
-    trajectory_key: NestedKey = TRAJECTORY,
-    step_key: NestedKey = "step_count",
-) -> Episodes:
+def find_episodes(storage: Storage) -> Episodes:
     """Sort the frames of a storage of any number of dimensions by episode and step.
 
-    Where they lie does not matter: several writers may take turns in one ring.
-
-    Args:
-        storage: of tensordicts ``[*B]``.
-        trajectory_key: int; a number per episode, unique in the storage.
-        step_key: int; the decision's number in its episode.
+    Where they lie does not matter: several writers may take turns in one ring. The
+    frames have a number of their episode, unique in the storage, and ``step_count``.
 
     Raises:
         ValueError: if a trajectory has two frames of the same step.
@@ -80,7 +75,7 @@ def find_episodes(
     data = storage[:]
     trajectory, step = (
         data.get(key).reshape(data.numel(), -1)[:, 0].cpu()
-        for key in (trajectory_key, step_key)
+        for key in (TRAJECTORY, "step_count")
     )
     by_step = step.argsort(stable=True)
     order = by_step[trajectory[by_step].argsort(stable=True)]
@@ -90,20 +85,11 @@ def find_episodes(
     if bool((same & (gap == 0)).any()):
         raise ValueError(
             "trajectory numbers must be unique in the storage, got two frames of the "
-            "same trajectory and step; continue their numbers in a new run."
+            "same trajectory and step; continue their numbers in a new run"
         )
-    is_first = torch.ones_like(trajectory, dtype=torch.bool)
-    is_first[1:] = ~(same & (gap == 1))
-    start = is_first.nonzero().squeeze(-1)
+    start = F.pad(~(same & (gap == 1)), (1, 0), value=True).nonzero().squeeze(-1)
     length = torch.diff(start, append=torch.tensor([len(order)]))
-    _, group_length = torch.unique_consecutive(trajectory, return_counts=True)
-    group_start = group_length.cumsum(0) - group_length
-    group = torch.searchsorted(group_start, start, right=True) - 1
-    return Episodes(
-        order,
-        start,
-        length,
-        step[start],
-        group_start[group],
-        group_length[group],
-    )
+    group_start = torch.searchsorted(trajectory, trajectory[start])
+    group_end = torch.searchsorted(trajectory, trajectory[start], right=True)
+    first_step, group_length = step[start], group_end - group_start
+    return Episodes(order, start, length, first_step, group_start, group_length)

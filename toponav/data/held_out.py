@@ -45,7 +45,7 @@ class HeldOut:
 
     def __init__(self, frames: TensorDictBase, *, name: str) -> None:
         if frames.ndim != 2:
-            raise ValueError(f"frames must be [E, T], got {list(frames.shape)}.")
+            raise ValueError(f"frames must be [E, T], got {list(frames.shape)}")
         self.name = name
         self.num_episodes, self.length = frames.shape
         self.frames = frames.flatten()

@@ -10,8 +10,7 @@ from toponav.data.episodes import Episodes
 from toponav.data.pairs import (
     compare_steps,
     distance_weights,
-    draw_at_distance,
-    draw_below,
+    draw_near,
     gather_pairs,
 )
 from toponav.keys import ACTION, EMBEDDING, WEIGHT
@@ -33,9 +32,6 @@ class LPairs:
     Args:
         max_action_distance: k, the largest distance in decisions.
 
-    Raises:
-        ValueError: if k is below 1; from ``draw``, if no episode is longer than that.
-
     Examples:
         >>> place, _ = LPairs(4).draw(Episodes.from_lengths([9, 9]), 8, None)
         >>> distance = place[:, 1] - place[:, 0]
@@ -46,26 +42,17 @@ class LPairs:
     max_action_distance: int = 4
 
     def __post_init__(self) -> None:
-        if self.max_action_distance < 1:
-            raise ValueError(
-                f"max_action_distance must be at least 1, got "
-                f"{self.max_action_distance}."
-            )
+        k = self.max_action_distance
+        if k < 1:
+            raise ValueError(f"max_action_distance must be at least 1, got {k}")
 
     def draw(
         self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Draw pairs: places ``[P, 2]`` of anchor and other, in this order."""
-        longest = episodes.longest
-        if longest <= self.max_action_distance:
-            raise ValueError(
-                f"the buffer must hold an episode of more than max_action_distance = "
-                f"{self.max_action_distance} decisions, got {longest} at most; collect "
-                f"more, or choose max_action_distance <= {max(longest - 1, 0)}."
-            )
-        limit = torch.full((batch_size,), self.max_action_distance)
-        distance = 1 + draw_below(limit, generator)
-        return draw_at_distance(episodes, distance, generator), {}
+        k = self.max_action_distance
+        episodes.require(k + 1, "more than max_action_distance")
+        return draw_near(episodes, batch_size, k, generator), {}
 
     def mine(
         self, frames: TensorDictBase, *, in_key: NestedKey = EMBEDDING

@@ -1,6 +1,7 @@
 """`MinedPairs` and `DrawnPairs`: the two ways from a storage to training pairs."""
 
 from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
 
 import torch
 from tensordict import TensorDictBase
@@ -9,9 +10,8 @@ from torchrl.data import ReplayBuffer, TensorDictReplayBuffer
 from torchrl.data.replay_buffers import Storage
 
 from toponav.data.chunks import Chunks
-from toponav.data.episode_sampler import DrawRule, EpisodeSampler
+from toponav.data.episode_sampler import DrawRule, EpisodeSampler, SplitPairs
 from toponav.data.l_pairs import LPairs
-from toponav.data.split_pairs import SplitPairs
 from toponav.data.tc_pairs import TCPairs
 from toponav.keys import EMBEDDING, LABEL, NETWORK_PIXELS, WEIGHT
 
@@ -19,6 +19,7 @@ from toponav.keys import EMBEDDING, LABEL, NETWORK_PIXELS, WEIGHT
 Embed = Callable[[Tensor], Tensor]
 
 
+@dataclass
 class MinedPairs:
     """Many pairs from few views: embed some chunks of frames, then pair all of them.
 
@@ -35,56 +36,44 @@ class MinedPairs:
         l_pairs: the L-network's rule.
         embed_tc: the TC-network's encoder.
         embed_l: the L-network's, ``None`` if both share one.
-        max_pairs: most pairs of a call for each network.
+        max_pairs: most pairs of a call for each network, at least 2.
         generator: source of the random numbers, torch's own by default.
         device: where the frames go before they are embedded.
-
-    Raises:
-        ValueError: if ``max_pairs < 2``; from a call, as `Chunks` raises it.
     """
 
-    def __init__(
-        self,
-        storage: Storage,
-        chunks: Chunks,
-        num_frames: int,
-        *,
-        tc_pairs: TCPairs,
-        l_pairs: LPairs,
-        embed_tc: Embed,
-        embed_l: Embed | None = None,
-        max_pairs: int = 2048,
-        generator: torch.Generator | None = None,
-        device: torch.device | str = "cpu",
-    ) -> None:
-        if max_pairs < 2:
-            raise ValueError(f"max_pairs must be at least 2, got {max_pairs}.")
-        self.frames = _make_buffer(storage, chunks, num_frames, generator)
-        self.tc_pairs = tc_pairs
-        self.l_pairs = l_pairs
-        self.embed_tc = embed_tc
-        self.embed_l = embed_l
-        self.max_pairs = max_pairs
-        self.generator = generator
-        self.device = device
+    storage: Storage
+    chunks: Chunks
+    num_frames: int
+    _: KW_ONLY
+    tc_pairs: TCPairs
+    l_pairs: LPairs
+    embed_tc: Embed
+    embed_l: Embed | None = None
+    max_pairs: int = 2048
+    generator: torch.Generator | None = None
+    device: torch.device | str = "cpu"
+
+    def __post_init__(self) -> None:
+        if self.max_pairs < 2:
+            raise ValueError(f"max_pairs must be at least 2, got {self.max_pairs}")
+        self.buffer = _make_buffer(
+            self.storage, self.chunks, self.num_frames, self.generator
+        )
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         """Pairs of embeddings for the TC-network and for the L-network."""
-        frames = self.frames.sample().flatten()
+        frames = self.buffer.sample().flatten()
         views = frames.pop(NETWORK_PIXELS).to(self.device)
         frames.set(EMBEDDING, self.embed_tc(views))
-        tc_pairs = self.tc_pairs.mine(frames, generator=self.generator)
-        half = self.max_pairs // 2
-        tc_pairs = torch.cat(
-            [
-                keep_some(tc_pairs[tc_pairs[LABEL] == label], half, self.generator)
-                for label in (1, 0)
-            ]
-        )
+        pairs = self.tc_pairs.mine(frames, generator=self.generator)
+        tc_pairs = [
+            keep_some(pairs[pairs[LABEL] == label], self.max_pairs // 2, self.generator)
+            for label in (1, 0)
+        ]
         if self.embed_l is not None:
             frames.set(EMBEDDING, self.embed_l(views))
         l_pairs = self.l_pairs.mine(frames)
-        return tc_pairs, keep_some(l_pairs, self.max_pairs, self.generator)
+        return torch.cat(tc_pairs), keep_some(l_pairs, self.max_pairs, self.generator)
 
 
 class DrawnPairs:
@@ -105,11 +94,9 @@ class DrawnPairs:
         device: torch.device | str = "cpu",
     ) -> None:
         self.buffers = [
-            _make_buffer(storage, rule, num_pairs, generator)
+            _make_buffer(storage, rule, num_pairs, generator, SplitPairs())
             for rule in (tc_pairs, l_pairs)
         ]
-        for buffer in self.buffers:
-            buffer.append_transform(SplitPairs())
         self.device = device
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
@@ -143,11 +130,13 @@ def _make_buffer(
     rule: DrawRule,
     batch_size: int,
     generator: torch.Generator | None,
+    transform: SplitPairs | None = None,
 ) -> ReplayBuffer:
     buffer = TensorDictReplayBuffer(
         storage=storage,
         sampler=EpisodeSampler(rule),
         batch_size=batch_size,
+        transform=transform,
     )
     buffer.set_rng(generator)
     return buffer

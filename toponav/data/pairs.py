@@ -40,27 +40,26 @@ def gather_pairs(
     """
     views = frames.get(in_key).flatten(0, frames.ndim - 1)
     anchor, other = pair.to(views.device).unbind(-1)
-    pairs = TensorDict({ANCHOR: views[anchor], OTHER: views[other]}, [len(pair)])
-    for key, entry in entries.items():
-        pairs.set(key, entry.to(views.device))
-    return pairs
+    entries = {ANCHOR: views[anchor], OTHER: views[other], **entries}
+    moved = {key: entry.to(views.device) for key, entry in entries.items()}
+    return TensorDict(moved, [len(pair)])
 
 
-def draw_at_distance(
-    episodes: Episodes, distance: Tensor, generator: torch.Generator | None
+def draw_near(
+    episodes: Episodes, num: int, k: int, generator: torch.Generator | None
 ) -> Tensor:
-    """Places ``[P, 2]`` of pairs, each a given number of decisions apart.
+    """Places ``[num, 2]`` of pairs, the earlier first, 1..k decisions apart.
 
-    They are uniform over the frames that have such a partner; one run must be longer
-    than every distance.
+    Distances are uniform, and anchors over the frames that have such a partner; one run
+    must be longer than k.
     """
+    distance = 1 + draw_below(torch.full((num,), k), generator)
     # A run of length L has L - j frames that have a partner j decisions later.
     room = (episodes.length.unsqueeze(-1) - distance).clamp(min=0)
     before = room.cumsum(0)
     target = draw_below(before[-1], generator)
     run = (before <= target).sum(0)
-    column = torch.arange(len(distance))
-    offset = target - (before - room)[run, column]
+    offset = target - (before - room)[run, torch.arange(num)]
     anchor = episodes.start[run] + offset
     return torch.stack([anchor, anchor + distance], dim=-1)
 

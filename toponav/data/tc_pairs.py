@@ -10,8 +10,8 @@ from toponav.data.episodes import Episodes
 from toponav.data.pairs import (
     compare_steps,
     distance_weights,
-    draw_at_distance,
     draw_below,
+    draw_near,
     gather_pairs,
 )
 from toponav.keys import EMBEDDING, LABEL, WEIGHT
@@ -41,10 +41,6 @@ class TCPairs:
         other_episode_share: share of the negatives whose views come from two
             episodes, in [0, 1].
 
-    Raises:
-        ValueError: if an argument is out of range; from ``draw``, if the episodes are
-            too short or too few.
-
     Examples:
         >>> rule = TCPairs(max_action_distance=4, negative_sample_multiplier=5)
         >>> episodes = Episodes.from_lengths([30, 100])
@@ -58,21 +54,14 @@ class TCPairs:
     other_episode_share: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.max_action_distance < 1:
-            raise ValueError(
-                f"max_action_distance must be at least 1, got "
-                f"{self.max_action_distance}."
-            )
-        if self.negative_sample_multiplier < 2:
-            raise ValueError(
-                f"negative_sample_multiplier must be at least 2, got "
-                f"{self.negative_sample_multiplier}."
-            )
-        if not 0 <= self.other_episode_share <= 1:
-            raise ValueError(
-                f"other_episode_share must lie in [0, 1], got "
-                f"{self.other_episode_share}."
-            )
+        k, m = self.max_action_distance, self.negative_sample_multiplier
+        if k < 1:
+            raise ValueError(f"max_action_distance must be at least 1, got {k}")
+        if m < 2:
+            raise ValueError(f"negative_sample_multiplier must be at least 2, got {m}")
+        share = self.other_episode_share
+        if not 0 <= share <= 1:
+            raise ValueError(f"other_episode_share must lie in [0, 1], got {share}")
 
     @property
     def min_distance(self) -> int:
@@ -87,20 +76,23 @@ class TCPairs:
         The first half (rounded up) is positive. Anchors are uniform over the frames
         that have a partner, partners uniform over those that fit.
         """
-        self._check_length(episodes)
+        k, m = self.max_action_distance, self.negative_sample_multiplier
+        episodes.require(m * k + 1, f"more than M * k = {m} * {k}")
+        total = len(episodes.order)
+        if self.other_episode_share > 0 and total in episodes.group_length:
+            raise ValueError(
+                "the buffer must hold at least two episodes to pair frames of "
+                "different ones, got one; collect more, or set other_episode_share=0"
+            )
         num_positives = (batch_size + 1) // 2
         num_negatives = batch_size - num_positives
         across = torch.rand(num_negatives, generator=generator)
         num_across = int((across < self.other_episode_share).sum())
-        distance = 1 + draw_below(
-            torch.full((num_positives,), self.max_action_distance), generator
-        )
+        num_apart = num_negatives - num_across
         place = torch.cat(
             [
-                draw_at_distance(episodes, distance, generator),
-                _draw_apart(
-                    episodes, num_negatives - num_across, self.min_distance, generator
-                ),
+                draw_near(episodes, num_positives, k, generator),
+                _draw_apart(episodes, num_apart, m * k, generator),
                 _draw_across(episodes, num_across, generator),
             ]
         )
@@ -123,8 +115,8 @@ class TCPairs:
         left out. Gradients flow through ``in_key``.
 
         Args:
-            frames: ``[*B]`` with ``in_key``, ``episode`` and ``step``.
-            in_key: what to pair, usually the embeddings; ``[*B, *D]``.
+            frames: ``[*B]`` with ``episode``, ``step`` and ``in_key``, ``[*B, *D]``.
+            in_key: what to pair, usually the embeddings.
             generator: source of the random order and choice; on the CPU.
 
         Returns:
@@ -137,13 +129,16 @@ class TCPairs:
         positives = near.nonzero()
         far = (once & same & (gap >= self.min_distance)).nonzero()
         across = far[:0]
-        if self.other_episode_share > 0:
-            limit = max(len(far), len(positives))
-            across = _draw_some((once & ~same).nonzero(), limit, generator)
+        share = self.other_episode_share
+        if share > 0:
+            across = (once & ~same).nonzero()
+            if len(across) > (limit := max(len(far), len(positives))):
+                across = across[
+                    torch.randperm(len(across), generator=generator)[:limit]
+                ]
         pair = torch.cat([positives, far, across])
         swap = torch.rand(len(pair), generator=generator) < 0.5
         pair = torch.where(swap.unsqueeze(-1), pair.flip(-1), pair)
-        share = self.other_episode_share
         weight = torch.cat(
             [
                 0.5 * distance_weights(gap[near], self.max_action_distance),
@@ -153,23 +148,6 @@ class TCPairs:
         )
         label = (torch.arange(len(pair)) < len(positives)).float()
         return gather_pairs(frames, pair, in_key, {LABEL: label, WEIGHT: weight})
-
-    def _check_length(self, episodes: Episodes) -> None:
-        longest = episodes.longest
-        if longest <= self.min_distance:
-            k, m = self.max_action_distance, self.negative_sample_multiplier
-            raise ValueError(
-                f"the buffer must hold an episode of more than M * k = {m} * {k} = "
-                f"{self.min_distance} decisions, got {longest} at most; collect more, "
-                f"or choose M * k <= {max(longest - 1, 0)}."
-            )
-        if self.other_episode_share > 0 and bool(
-            (episodes.group_length == len(episodes.order)).any()
-        ):
-            raise ValueError(
-                "the buffer must hold at least two episodes to pair frames of "
-                "different ones, got one; collect more, or set other_episode_share=0."
-            )
 
 
 def _draw_apart(
@@ -204,10 +182,3 @@ def _draw_across(
     behind = other >= episodes.group_start[run]
     other = other + torch.where(behind, episodes.group_length[run], 0)
     return torch.stack([anchor, other], dim=-1)
-
-
-def _draw_some(pair: Tensor, limit: int, generator: torch.Generator | None) -> Tensor:
-    """At most ``limit`` rows, drawn without replacement."""
-    if len(pair) <= limit:
-        return pair
-    return pair[torch.randperm(len(pair), generator=generator)[:limit]]

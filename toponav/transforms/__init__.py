@@ -17,9 +17,11 @@ from toponav.transforms.novelty_rewards import (
     count_reward as count_reward,
     temporal_distance_reward as temporal_distance_reward,
 )
-from toponav.transforms.policy_pixels import PolicyPixels as PolicyPixels
-from toponav.transforms.previous_action import PreviousAction as PreviousAction
-from toponav.transforms.previous_reward import PreviousReward as PreviousReward
+from toponav.transforms.policy_inputs import (
+    PolicyPixels as PolicyPixels,
+    PreviousAction as PreviousAction,
+    PreviousReward as PreviousReward,
+)
 from toponav.transforms.random_reward import RandomReward as RandomReward
 from toponav.transforms.waypoint_memory import WaypointMemory as WaypointMemory
 from toponav.transforms.waypoint_truth import WaypointTruth as WaypointTruth

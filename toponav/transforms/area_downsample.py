@@ -37,32 +37,25 @@ class AreaDownsample(ViewTransform):
 
     def _apply_transform(self, obs: Tensor) -> Tensor:
         *batch, height, width, channels = obs.shape
-        factor = self.factor
+        factor, is_bytes = self.factor, obs.dtype == torch.uint8
         if factor == 1:
             return obs
-        is_bytes = obs.dtype == torch.uint8
         wide = torch.int32 if is_bytes else obs.dtype
         if is_bytes and 255 * factor**2 < 2**15:
             wide = torch.int16  # adds up twice as fast
         # First rows, then columns: successive numbers are added together.
         rows = obs.reshape(*batch, height // factor, factor, width * channels)
-        tall = rows[..., 0, :].to(wide)
-        for row in range(1, factor):
-            tall = tall + rows[..., row, :]
-        columns = tall.reshape(
-            *batch, height // factor, width // factor, factor, channels
-        )
-        total = columns[..., 0, :]
-        for column in range(1, factor):
-            total = total + columns[..., column, :]
+        first, *others = rows.unbind(-2)
+        tall = sum(others, start=first.to(wide))
+        columns = tall.reshape(*rows.shape[:-2], width // factor, factor, channels)
+        first, *others = columns.unbind(-2)
+        total = sum(others, start=first)
         if not is_bytes:
             return total / factor**2
-        total = total.add_(factor**2 // 2)
+        total += factor**2 // 2
         if factor == 2:
-            mean = total >> 2  # faster than the division
-        else:
-            mean = torch.div(total, factor**2, rounding_mode="floor")
-        return mean.to(torch.uint8)
+            return (total >> 2).to(torch.uint8)  # faster than the division
+        return total.div(factor**2, rounding_mode="floor").to(torch.uint8)
 
     def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
         if any(side % self.factor for side in view.shape[-3:-1]):

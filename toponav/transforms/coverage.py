@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 
 from toponav.keys import BLOCKED, CELL, COVERAGE, COVERAGE_REWARD, DECISIONS_TO_COVERAGE
 from toponav.transforms.episode_buffers import ResizableBuffers, restarting_rows
-from toponav.transforms.specs import KeyedTransform, Keys, find_spec, get_entry
-
-_OUT_KEYS = [COVERAGE, COVERAGE_REWARD, DECISIONS_TO_COVERAGE]
+from toponav.transforms.specs import KeyedTransform, Keys, find_spec
 
 
 class Coverage(ResizableBuffers, KeyedTransform):
@@ -24,11 +22,11 @@ class Coverage(ResizableBuffers, KeyedTransform):
     Args:
         open_mask: bool ``[rows, cols]``, true where there is floor, slots included.
         levels: L shares in (0, 1] of which the first decision is written.
-        slot_cells: row and column of each of S slots; empty to ignore closed slots.
+        slot_cells: row and column of each of S slots, whose key is `BLOCKED`; empty to
+            ignore closed slots.
         in_keys: key of the cell, int64 ``[*B, 2]`` (row, column).
         out_keys: keys of coverage and reward, float32 ``[*B, 1]``, and of the
             decisions to each level, int64 ``[*B, L]``, -1 if not reached yet.
-        blocked_key: key of the closed slots, bool ``[*B, S]``.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -39,6 +37,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
         (tensor([0.5000]), tensor([1.]), tensor([ 1, -1]))
     """
 
+    default_keys = [CELL], [COVERAGE, COVERAGE_REWARD, DECISIONS_TO_COVERAGE]
     open_cells: Tensor
     slot_indices: Tensor
     levels: Tensor
@@ -54,12 +53,9 @@ class Coverage(ResizableBuffers, KeyedTransform):
         slot_cells: Sequence[tuple[int, int]] = (),
         in_keys: Keys = None,
         out_keys: Keys = None,
-        blocked_key: NestedKey = BLOCKED,
     ) -> None:
-        open_mask = torch.as_tensor(open_mask)
         _check_arguments(open_mask, levels, slot_cells)
-        super().__init__(in_keys, out_keys, defaults=([CELL], _OUT_KEYS))
-        self.blocked_key = blocked_key
+        super().__init__(in_keys, out_keys)
         self.num_columns = open_mask.shape[1]
         slots = [row * self.num_columns + column for row, column in slot_cells]
         constants = {
@@ -77,47 +73,33 @@ class Coverage(ResizableBuffers, KeyedTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        cell = self._cell(tensordict_reset)
-        rows = restarting_rows(self, tensordict, cell.shape[:-1], cell.device)
+        cell = tensordict_reset[self.in_keys[0]]
+        shape = cell.shape[:-1]
+        self.to(cell.device)
+        if self.decisions.shape != shape:
+            self.visited = self.visited.new_zeros(*shape, len(self.open_cells))
+            self.decisions = self.decisions.new_zeros(shape)
+            self.decisions_to = self.decisions.new_full((*shape, len(self.levels)), -1)
+        rows = restarting_rows(self, tensordict, shape, cell.device)
         self.visited.masked_fill_(rows.unsqueeze(-1), False)
         self.decisions.masked_fill_(rows, 0)
         self.decisions_to.masked_fill_(rows.unsqueeze(-1), -1)
-        self._measure(tensordict_reset, cell, rows)
+        self._measure(tensordict_reset, rows)
         return tensordict_reset
 
-    def _step(
-        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
-    ) -> TensorDictBase:
-        cell = self._cell(next_tensordict)
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         self.decisions += 1
         every_row = torch.ones_like(self.decisions, dtype=torch.bool)
-        is_new = self._measure(next_tensordict, cell, every_row)
+        is_new = self._measure(next_tensordict, every_row)
         return next_tensordict.set(self.out_keys[1], is_new.to(torch.float32))
 
-    def _cell(self, tensordict: TensorDictBase) -> Tensor:
-        cell = get_entry(self, tensordict, self.in_keys[0])
-        shape, device = cell.shape[:-1], cell.device
-        if self.visited.device != device or self.open_cells.device != device:
-            self.to(device)
-        if self.decisions.shape != shape:
-            num_cells, num_levels = len(self.open_cells), len(self.levels)
-            self.visited = self.visited.new_zeros(*shape, num_cells)
-            self.decisions = self.decisions.new_zeros(shape)
-            self.decisions_to = self.decisions_to.new_full((*shape, num_levels), -1)
-        return cell
-
-    def _open_now(self, tensordict: TensorDictBase, shape: torch.Size) -> Tensor:
-        open_now = self.open_cells.expand(*shape, -1)
-        if not len(self.slot_indices):
-            return open_now
-        free = ~get_entry(self, tensordict, self.blocked_key)
-        return open_now.index_copy(-1, self.slot_indices, free)
-
-    def _measure(
-        self, tensordict: TensorDictBase, cell: Tensor, rows: Tensor
-    ) -> Tensor:
+    def _measure(self, tensordict: TensorDictBase, rows: Tensor) -> Tensor:
+        """Write what the rows have covered; whether a row entered a new cell."""
+        cell = tensordict[self.in_keys[0]]
         index = (cell[..., :1] * self.num_columns + cell[..., 1:]) * rows.unsqueeze(-1)
-        open_now = self._open_now(tensordict, rows.shape)
+        open_now = self.open_cells.expand(*rows.shape, -1)
+        if len(self.slot_indices):
+            open_now = open_now.index_copy(-1, self.slot_indices, ~tensordict[BLOCKED])
         seen = self.visited.gather(-1, index)
         self.visited.scatter_(-1, index, seen | rows.unsqueeze(-1))
         num_visited = (self.visited & open_now).sum(-1, keepdim=True)
@@ -135,21 +117,18 @@ class Coverage(ResizableBuffers, KeyedTransform):
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         cell = find_spec(observation_spec, self.in_keys[0], length=2)
         if num_slots := len(self.slot_indices):
-            find_spec(observation_spec, self.blocked_key, length=num_slots)
+            find_spec(observation_spec, BLOCKED, length=num_slots)
         shape, device = cell.shape[:-1], observation_spec.device
-        observation_spec[self.out_keys[0]] = Bounded(
-            0.0, 1.0, shape=(*shape, 1), dtype=torch.float32, device=device
-        )
-        observation_spec[self.out_keys[2]] = Unbounded(
-            shape=(*shape, len(self.levels)), dtype=torch.int64, device=device
-        )
+        share, reached = self.out_keys[0], self.out_keys[2]
+        levels = (*shape, len(self.levels))
+        observation_spec[share] = Bounded(0.0, 1.0, (*shape, 1), device, torch.float32)
+        observation_spec[reached] = Unbounded(levels, device, torch.int64)
         return observation_spec
 
     def transform_reward_spec(self, reward_spec: Composite) -> Composite:
         cell = self.parent.observation_spec[self.in_keys[0]]
-        reward_spec[self.out_keys[1]] = Unbounded(
-            shape=(*cell.shape[:-1], 1), dtype=torch.float32, device=cell.device
-        )
+        spec = Unbounded((*cell.shape[:-1], 1), cell.device, torch.float32)
+        reward_spec[self.out_keys[1]] = spec
         return reward_spec
 
 
@@ -165,8 +144,7 @@ def _check_arguments(
         raise ValueError("open_mask must have an open cell, got none")
     if not levels or not all(0 < level <= 1 for level in levels):
         raise ValueError(f"levels must be in (0, 1], got {tuple(levels)}")
-    rows, columns = open_mask.shape
-    for row, column in slot_cells:
-        inside = 0 <= row < rows and 0 <= column < columns
-        if not inside or not open_mask[row, column]:
-            raise ValueError(f"slot_cells must be open cells, got {(row, column)}")
+    open_cells = {(row, column) for row, column in open_mask.nonzero().tolist()}
+    for cell in slot_cells:
+        if cell not in open_cells:
+            raise ValueError(f"slot_cells must be open cells, got {cell}")

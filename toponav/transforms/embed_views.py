@@ -44,6 +44,5 @@ class EmbedViews(ViewTransform):
         return embedding.reshape(*obs.shape[:-3], -1)
 
     def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
-        one = view.zero().reshape(-1, *view.shape[-3:])[:1]
-        shape = (*view.shape[:-3], embedding_length(self._embed, one))
-        return Unbounded(shape=shape, dtype=torch.float32, device=view.device)
+        shape = (*view.shape[:-3], embedding_length(self._embed, view))
+        return Unbounded(shape, view.device, torch.float32)

@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
 from torchrl.envs.transforms import Transform
 
 
@@ -13,14 +14,13 @@ class ResizableBuffers:
     """Mixin of modules whose buffers take shape and dtype of the state they load."""
 
     def _load_from_state_dict(
-        self, state_dict: Mapping[str, object], prefix: str, *args: object
+        self, state_dict: Mapping[str, Any], prefix: str, *args: Any
     ) -> None:
         module: Any = self
         for name, buffer in list(module.named_buffers(recurse=False)):
             stored = state_dict.get(prefix + name)
             if isinstance(stored, Tensor):
-                empty = buffer.new_empty(stored.shape, dtype=stored.dtype)
-                setattr(self, name, empty)
+                setattr(self, name, torch.empty_like(stored, device=buffer.device))
         super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
 
 
@@ -51,28 +51,4 @@ def grow_slots(buffer: Tensor, num_slots: int, capacity: int | None = None) -> T
         return buffer
     room = max(num_slots, 2 * slots, 8)
     room = room if capacity is None else min(room, capacity)
-    grown = buffer.new_zeros(buffer.shape[0], room, *buffer.shape[2:])
-    grown[:, :slots] = buffer
-    return grown
-
-
-class ReadSchedule:
-    """When to read numbers of a device: on the CPU always, elsewhere now and then."""
-
-    #: Decisions from one reading to the next where it costs time.
-    EVERY = 16
-
-    def __init__(self) -> None:
-        self._since = 0
-
-    def is_free(self, device: torch.device) -> bool:
-        """Whether reading waits for nothing."""
-        return device.type == "cpu"
-
-    def is_due(self, device: torch.device) -> bool:
-        """Whether to read in this decision; ask once in each."""
-        self._since += 1
-        if not self.is_free(device) and self._since < self.EVERY:
-            return False
-        self._since = 0
-        return True
+    return F.pad(buffer, [0, 0] * (buffer.ndim - 2) + [0, room - slots])

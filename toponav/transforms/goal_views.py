@@ -5,7 +5,7 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite
 
 from toponav.keys import GOAL_CELL, GOAL_VIEWS
-from toponav.transforms.specs import KeyedTransform, Keys, find_spec, get_entry
+from toponav.transforms.specs import KeyedTransform, Keys, find_spec
 
 
 class GoalViews(KeyedTransform):
@@ -28,6 +28,7 @@ class GoalViews(KeyedTransform):
         tensor([1, 0], dtype=torch.uint8)
     """
 
+    default_keys = [GOAL_CELL], [GOAL_VIEWS]
     cells: Tensor
     views: Tensor
 
@@ -44,8 +45,7 @@ class GoalViews(KeyedTransform):
                 f"views must be [{len(cells)}, V, H, W, C], some of each cell, got "
                 f"{tuple(views.shape)}"
             )
-        defaults = [GOAL_CELL], [GOAL_VIEWS]
-        super().__init__(in_keys, out_keys, defaults=defaults)
+        super().__init__(in_keys, out_keys)
         self.register_buffer("cells", cells.clone(), persistent=False)
         self.register_buffer("views", views.clone(), persistent=False)
 
@@ -64,9 +64,8 @@ class GoalViews(KeyedTransform):
         return next_tensordict.set(self.out_keys[0], shown)
 
     def _show(self, tensordict: TensorDictBase) -> TensorDictBase:
-        goal = get_entry(self, tensordict, self.in_keys[0])
-        if goal.device != self.cells.device:
-            self.to(goal.device)
+        goal = tensordict[self.in_keys[0]]
+        self.to(goal.device)
         is_at = (goal.unsqueeze(-2) == self.cells).all(-1)
         if not bool(is_at.any(-1).all()):
             cell = goal[~is_at.any(-1)][0].tolist()
@@ -74,16 +73,11 @@ class GoalViews(KeyedTransform):
                 f"{self.in_keys[0]!r} must be a cell with views, got {cell}; there are "
                 f"{len(self.cells)} cells, the first is {self.cells[0].tolist()}"
             )
-        number = is_at.int().argmax(-1)
-        return tensordict.set(self.out_keys[0], self.views[number])
+        return tensordict.set(self.out_keys[0], self.views[is_at.int().argmax(-1)])
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         goal = find_spec(observation_spec, self.in_keys[0], length=2)
-        observation_spec[self.out_keys[0]] = Bounded(
-            0,
-            255,
-            shape=(*goal.shape[:-1], *self.views.shape[1:]),
-            dtype=self.views.dtype,
-            device=goal.device,
-        )
+        shape = (*goal.shape[:-1], *self.views.shape[1:])
+        spec = Bounded(0, 255, shape, goal.device, self.views.dtype)
+        observation_spec[self.out_keys[0]] = spec
         return observation_spec

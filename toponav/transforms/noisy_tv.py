@@ -10,7 +10,7 @@ from torchrl.data import TensorSpec
 
 from toponav.keys import PIXELS
 from toponav.transforms.episode_buffers import ResizableBuffers, restarting_rows
-from toponav.transforms.specs import Keys, SeededMixin, ViewTransform, get_entry
+from toponav.transforms.specs import Keys, SeededMixin, ViewTransform
 
 Quadrant = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
 Scale = Literal["quadrant", "native"]
@@ -93,14 +93,16 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     ) -> None:
         if size < 1:
             raise ValueError(f"size must be at least 1, got {size}")
-        if quadrant is not None and quadrant not in QUADRANTS:
-            raise ValueError(f"quadrant must be one of {QUADRANTS}, got {quadrant!r}")
-        if scale not in get_args(Scale):
-            raise ValueError(f"scale must be one of {get_args(Scale)}, got {scale!r}")
-        if channels not in get_args(ChannelOrder):
-            raise ValueError(f"channels must be 'HWC' or 'CHW', got {channels!r}")
-        if isinstance(law, str) and law not in NOISE_LAWS:
-            raise ValueError(f"law must be one of {tuple(NOISE_LAWS)}, got {law!r}")
+        choices: dict[str, tuple[str | None, tuple[str | None, ...]]] = {
+            "quadrant": (quadrant, (None, *QUADRANTS)),
+            "scale": (scale, get_args(Scale)),
+            "channels": (channels, get_args(ChannelOrder)),
+        }
+        if isinstance(law, str):
+            choices["law"] = (law, tuple(NOISE_LAWS))
+        for name, (given, known) in choices.items():
+            if given not in known:
+                raise ValueError(f"{name} must be one of {known}, got {given!r}")
         in_keys = in_keys or [PIXELS]
         super().__init__(in_keys, out_keys or in_keys)
         self.size = size
@@ -115,23 +117,20 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        shape = tensordict_reset.batch_size
-        if self.corner.shape == shape:
-            rows = restarting_rows(self, tensordict, shape, self.corner.device)
-            drawn = self._draw_corners(shape).to(self.corner.device)
-            self.corner = torch.where(rows, drawn, self.corner)
+        corner = self._draw_corners(tensordict_reset.batch_size).to(self.corner.device)
+        if self.corner.shape == corner.shape:
+            rows = restarting_rows(self, tensordict, corner.shape, corner.device)
+            corner = torch.where(rows, corner, self.corner)
+        self.corner = corner
         return self._call(tensordict_reset)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        shape = next_tensordict.batch_size
-        if self.corner.shape != shape:
-            self.corner = self._draw_corners(shape)
         noises: dict[int, Tensor] = {}
         for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
-            views = get_entry(self, next_tensordict, in_key)
+            views = next_tensordict[in_key]
             count = views.shape[-3 if self.channels_first else -1]
             if count not in noises:
-                noises[count] = self._draw_noise(shape.numel(), count)
+                noises[count] = self._draw_noise(self.corner.numel(), count)
             next_tensordict.set(out_key, self._paint(views, noises[count]))
         return next_tensordict
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite
+from torchrl.data import Composite, Unbounded
 
 from toponav.keys import (
     COUNT_REWARD,
@@ -20,7 +20,7 @@ from toponav.keys import (
     TEMPORAL_DISTANCE_REWARD,
     VISITS,
 )
-from toponav.transforms.specs import KeyedTransform, Keys, declare_reward, get_entry
+from toponav.transforms.specs import KeyedTransform, Keys, find_spec
 
 #: How the two rewards make one. The equation adds them, while the text pays the first
 #: if the view is mapped to a waypoint and the second if not. ``"exclusive"`` is the
@@ -81,26 +81,29 @@ class _NoveltyReward(KeyedTransform):
     #: The reward, of the entries of ``in_keys``.
     _pay: Callable[..., Tensor]
 
-    def __init__(
-        self,
-        combine: Combine,
-        in_keys: Keys,
-        out_keys: Keys,
-        defaults: tuple[list[NestedKey], list[NestedKey]],
-    ) -> None:
+    def __init__(self, combine: Combine, in_keys: Keys, out_keys: Keys) -> None:
         _check_combine(combine)
-        super().__init__(in_keys, out_keys, defaults=defaults)
+        super().__init__(in_keys, out_keys)
         self.combine = combine
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        entries = [get_entry(self, next_tensordict, key) for key in self.in_keys]
+        entries = (next_tensordict[key] for key in self.in_keys)
         return next_tensordict.set(self.out_keys[0], self._pay(*entries))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self._call(tensordict)
 
     def transform_output_spec(self, output_spec: Composite) -> Composite:
-        return declare_reward(self, output_spec)
+        # Asking `parent` for specs would compute those of all earlier transforms again.
+        output_spec = output_spec.clone()
+        rewards = output_spec["full_reward_spec"]
+        observations = output_spec["full_observation_spec"]
+        for key in reversed(self.in_keys):  # Last the one whose shape is the reward's.
+            specs = rewards if key in rewards.keys(True) else observations
+            part = find_spec(specs, key, kind="an observation or a reward")
+        paid = Unbounded(part.shape, part.device, torch.float32)
+        rewards[self.out_keys[0]] = paid
+        return output_spec
 
 
 class CountReward(_NoveltyReward):
@@ -117,6 +120,8 @@ class CountReward(_NoveltyReward):
         out_keys: key of the reward, float32 ``[*B, 1]``.
     """
 
+    default_keys = [VISITS, IS_NEW_WAYPOINT], [COUNT_REWARD]
+
     def __init__(
         self,
         alpha: float,
@@ -126,8 +131,7 @@ class CountReward(_NoveltyReward):
         out_keys: Keys = None,
     ) -> None:
         count_reward(torch.zeros(0, dtype=torch.int64), alpha)
-        defaults = [VISITS, IS_NEW_WAYPOINT], [COUNT_REWARD]
-        super().__init__(combine, in_keys, out_keys, defaults)
+        super().__init__(combine, in_keys, out_keys)
         self.alpha = alpha
 
     def _pay(self, visits: Tensor, is_new: Tensor) -> Tensor:
@@ -152,6 +156,8 @@ class TemporalDistanceReward(_NoveltyReward):
         out_keys: key of the reward, float32 ``[*B, 1]``.
     """
 
+    default_keys = [SIMILARITY, IS_NEW_WAYPOINT], [TEMPORAL_DISTANCE_REWARD]
+
     def __init__(
         self,
         beta: float,
@@ -162,8 +168,7 @@ class TemporalDistanceReward(_NoveltyReward):
         out_keys: Keys = None,
     ) -> None:
         temporal_distance_reward(torch.zeros(0), beta, floor=floor)
-        defaults = [SIMILARITY, IS_NEW_WAYPOINT], [TEMPORAL_DISTANCE_REWARD]
-        super().__init__(combine, in_keys, out_keys, defaults)
+        super().__init__(combine, in_keys, out_keys)
         self.beta = beta
         self.floor = floor
 
@@ -190,6 +195,11 @@ class IntrinsicReward(_NoveltyReward):
         tensor([0.1000, 1.6000])
     """
 
+    default_keys = (
+        [COUNT_REWARD, TEMPORAL_DISTANCE_REWARD, IS_NEW_WAYPOINT],
+        [INTRINSIC_REWARD],
+    )
+
     def __init__(
         self,
         combine: Combine = "exclusive",
@@ -197,17 +207,17 @@ class IntrinsicReward(_NoveltyReward):
         in_keys: Keys = None,
         out_keys: Keys = None,
     ) -> None:
-        parts = [COUNT_REWARD, TEMPORAL_DISTANCE_REWARD, IS_NEW_WAYPOINT]
-        super().__init__(combine, in_keys, out_keys, (parts, [INTRINSIC_REWARD]))
+        super().__init__(combine, in_keys, out_keys)
 
     def _pay(self, count: Tensor, temporal_distance: Tensor, is_new: Tensor) -> Tensor:
         return combine_rewards(count, temporal_distance, is_new, self.combine)
 
     def transform_output_spec(self, output_spec: Composite) -> Composite:
         for part in getattr(self.parent, "transform", ()) or ():
-            if not isinstance(part, CountReward | TemporalDistanceReward):
-                continue
-            if part.out_keys[0] in self.in_keys and part.combine != self.combine:
+            is_part = (
+                isinstance(part, _NoveltyReward) and part.out_keys[0] in self.in_keys
+            )
+            if is_part and part.combine != self.combine:
                 raise ValueError(
                     f"combine must be that of {type(part).__name__}, "
                     f"{part.combine!r}, got {self.combine!r}"

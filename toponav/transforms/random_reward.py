@@ -25,21 +25,17 @@ class RandomReward(SeededMixin, KeyedTransform):
         tensor([0.4963, 0.7682])
     """
 
+    default_keys = [], [INTRINSIC_REWARD]
+
     def __init__(self, seed: int | None = None, *, out_keys: Keys = None) -> None:
-        super().__init__([], out_keys, defaults=([], [INTRINSIC_REWARD]))
+        super().__init__([], out_keys)
         self.set_seed(seed)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         drawn = torch.rand(*next_tensordict.batch_size, 1, generator=self.generator)
-        drawn = drawn.to(next_tensordict.device)
-        return next_tensordict.set(self.out_keys[0], drawn)
+        return next_tensordict.set(self.out_keys[0], drawn.to(next_tensordict.device))
 
     def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        reward_spec[self.out_keys[0]] = Bounded(
-            0.0,
-            1.0,
-            shape=(*reward_spec.shape, 1),
-            dtype=torch.float32,
-            device=reward_spec.device,
-        )
+        shape, device = (*reward_spec.shape, 1), reward_spec.device
+        reward_spec[self.out_keys[0]] = Bounded(0.0, 1.0, shape, device, torch.float32)
         return reward_spec

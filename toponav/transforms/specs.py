@@ -1,15 +1,14 @@
-"""What transforms share: keys, entries, specs, views and generators."""
+"""What transforms share: keys, specs, views and generators."""
 
 from collections.abc import Callable, Sequence
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite, TensorSpec, Unbounded
+from torchrl.data import Composite, TensorSpec
 from torchrl.envs.transforms import Transform
 
 _CHANNELS = (1, 3, 4)
-
 
 #: Keys as callers give them: ``None`` for the defaults.
 Keys = Sequence[NestedKey] | None
@@ -18,23 +17,44 @@ Keys = Sequence[NestedKey] | None
 class KeyedTransform(Transform):
     """A transform with default keys, of which others must be as many."""
 
-    def __init__(
-        self,
-        in_keys: Keys,
-        out_keys: Keys,
-        *,
-        defaults: tuple[Sequence[NestedKey], Sequence[NestedKey]],
-    ) -> None:
-        default_in, default_out = defaults
-        super().__init__(
-            in_keys=in_keys or default_in, out_keys=out_keys or default_out
-        )
+    default_keys: tuple[Sequence[NestedKey], Sequence[NestedKey]]
+
+    def __init__(self, in_keys: Keys, out_keys: Keys) -> None:
+        default_in, default_out = self.default_keys
+        super().__init__(in_keys or default_in, out_keys or default_out)
         num_in, num_out = len(default_in), len(default_out)
         if len(self.in_keys) != num_in or len(self.out_keys) != num_out:
             raise ValueError(
                 f"in_keys must be {num_in} and out_keys {num_out}, "
                 f"got {self.in_keys} and {self.out_keys}"
             )
+
+
+class ViewTransform(Transform):
+    """Reads views ``[*B, H, W, C]`` and writes something for each."""
+
+    channels_first = False
+    _spec_of: Callable[[NestedKey, TensorSpec], TensorSpec]
+
+    def __init__(
+        self, in_keys: Sequence[NestedKey], out_keys: Sequence[NestedKey]
+    ) -> None:
+        super().__init__(in_keys, out_keys)
+        if len(in_keys) != len(out_keys):
+            raise ValueError(f"out_keys must match {self.in_keys}, got {self.out_keys}")
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
+            view = find_views(
+                observation_spec, in_key, channels_first=self.channels_first
+            )
+            observation_spec[out_key] = self._spec_of(in_key, view)
+        return observation_spec
 
 
 class SeededMixin:
@@ -55,19 +75,6 @@ class SeededMixin:
         self.generator.set_state(state.cpu())
 
 
-def get_entry(
-    transform: Transform, tensordict: TensorDictBase, key: NestedKey
-) -> Tensor:
-    """The entry that ``transform`` reads; ValueError if there is none."""
-    entry: Tensor | None = tensordict.get(key, None)
-    if entry is None:
-        raise ValueError(
-            f"{type(transform).__name__} must be given {key!r}, got only "
-            f"{_names(tensordict)}"
-        )
-    return entry
-
-
 def find_spec(
     specs: Composite,
     key: NestedKey,
@@ -76,8 +83,9 @@ def find_spec(
     kind: str = "an observation",
 ) -> TensorSpec:
     """The spec of an entry; ValueError if it is missing or of another length."""
-    if key not in specs.keys(True, True):
-        raise ValueError(f"{key!r} must be {kind} of the env, got {_names(specs)}")
+    names = list(specs.keys(True, True))
+    if key not in names:
+        raise ValueError(f"{key!r} must be {kind} of the env, got {names}")
     spec = specs[key]
     if length is not None and spec.shape[-1:] != (length,):
         raise ValueError(f"{key!r} must be [*B, {length}], got {list(spec.shape)}")
@@ -102,60 +110,3 @@ def find_views(
             f"PermuteTransform({dims}) before this transform"
         )
     return spec
-
-
-class ViewTransform(Transform):
-    """Reads views ``[*B, H, W, C]`` and writes something for each."""
-
-    channels_first = False
-    _spec_of: Callable[[NestedKey, TensorSpec], TensorSpec]
-
-    def __init__(
-        self, in_keys: Sequence[NestedKey], out_keys: Sequence[NestedKey]
-    ) -> None:
-        super().__init__(in_keys=in_keys, out_keys=out_keys)
-        if len(in_keys) != len(out_keys):
-            raise ValueError(f"out_keys must match {self.in_keys}, got {self.out_keys}")
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
-            view = find_views(
-                observation_spec, in_key, channels_first=self.channels_first
-            )
-            observation_spec[out_key] = self._spec_of(in_key, view)
-        return observation_spec
-
-
-def declare_reward(transform: Transform, output_spec: Composite) -> Composite:
-    """Add ``out_keys[0]``, in the shape of ``in_keys[0]``, to the env's rewards.
-
-    For ``transform_output_spec``: asking ``parent`` for specs computes those of all
-    earlier transforms once more. ValueError if an in_key is neither observation nor
-    reward.
-    """
-    output_spec = output_spec.clone()
-    reward_spec = output_spec["full_reward_spec"]
-    found = {}
-    for key in transform.in_keys:
-        for spec in (reward_spec, output_spec["full_observation_spec"]):
-            if key in spec.keys(True, True):
-                found[key] = spec[key]
-        if key not in found:
-            raise ValueError(
-                f"{key!r} must be an observation or a reward of the env, got none; "
-                f"{type(transform).__name__} comes after what writes it"
-            )
-    model = found[transform.in_keys[0]]
-    reward_spec[transform.out_keys[0]] = Unbounded(
-        shape=model.shape, dtype=torch.float32, device=model.device
-    )
-    return output_spec
-
-
-def _names(entries: TensorDictBase | Composite) -> list[NestedKey]:
-    return list(entries.keys(True, True))

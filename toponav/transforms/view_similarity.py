@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 import torch
-from tensordict import NestedKey
 from torch import Tensor
-
-from toponav.keys import EMBEDDING, SIMILARITY
+from torchrl.data import TensorSpec
 
 Embed = Callable[[Tensor], Tensor]
 Compare = Callable[[Tensor, Tensor], Tensor]
@@ -16,26 +14,18 @@ _ROUNDING = 1e-3
 
 
 class ViewSimilarity:
-    """How `WaypointMemory` compares views; the networks behind it are not its own.
+    """How `WaypointMemory` compares views, with the arguments of the same names.
 
     Not a module, so that a transform that holds one neither moves nor saves nor trains
-    the networks. The arguments are those of `WaypointMemory`; keys are named in errors.
+    the networks behind it.
     """
 
     def __init__(
-        self,
-        embed: Embed,
-        compare: Compare,
-        prepare: Embed | None = None,
-        *,
-        embedding_key: NestedKey = EMBEDDING,
-        similarity_key: NestedKey = SIMILARITY,
+        self, embed: Embed, compare: Compare, prepare: Embed | None = None
     ) -> None:
         self._embed = embed
         self._compare = compare
         self._prepare = prepare
-        self.embedding_key = embedding_key
-        self.similarity_key = similarity_key
         self._lengths: dict[torch.Size, int] = {}
 
     def embed(self, views: Tensor) -> Tensor:
@@ -55,8 +45,8 @@ class ViewSimilarity:
         if not bool(embedding.sum().isfinite()):
             broken = int((~embedding.isfinite()).any(-1).sum())
             raise ValueError(
-                f"{self.embedding_key!r} must be finite, got NaN or infinity from "
-                f"embed() for {broken} of {len(embedding)} views"
+                "embed must return finite numbers, got NaN or infinity for "
+                f"{broken} of {len(embedding)} views"
             )
         if similarity is None:
             return
@@ -64,33 +54,38 @@ class ViewSimilarity:
         # A comparison with NaN is false.
         if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
             raise ValueError(
-                f"{self.similarity_key!r} must be in [0, 1], got {low:.3g} to "
-                f"{high:.3g} from compare()"
+                "compare must return similarities in [0, 1], got "
+                f"{low:.3g} to {high:.3g}"
             )
 
     @torch.no_grad()
-    def embedding_length(self, view: Tensor) -> int:
+    def embedding_length(self, views: TensorSpec) -> int:
         """D, and ValueError if a callable returns a wrong shape for one view."""
-        if view.shape in self._lengths:
-            return self._lengths[view.shape]
-        length = embedding_length(self._embed, view)
-        embedding = self.embed(view)
-        similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
-        if similarity.shape != (1, 1):
-            raise ValueError(
-                f"compare must return [N, M], got {list(similarity.shape)} for N = 1 "
-                "and M = 1"
-            )
-        self._lengths[view.shape] = length
-        return length
+        if views.shape not in self._lengths:
+            length = embedding_length(self._embed, views)
+            embedding = self.embed(_one_of(views))
+            similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
+            if similarity.shape != (1, 1):
+                raise ValueError(
+                    f"compare must return [N, M], got {list(similarity.shape)} for "
+                    "N = 1 and M = 1"
+                )
+            self._lengths[views.shape] = length
+        return self._lengths[views.shape]
 
 
 @torch.no_grad()
-def embedding_length(embed: Embed, view: Tensor) -> int:
+def embedding_length(embed: Embed, views: TensorSpec) -> int:
     """D, and ValueError if ``embed`` returns a wrong shape for one view."""
-    embedding = embed(view)
+    embedding = embed(_one_of(views))
     if embedding.ndim != 2 or len(embedding) != 1:
         raise ValueError(
             f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
         )
     return embedding.shape[-1]
+
+
+def _one_of(views: TensorSpec) -> Tensor:
+    """One black view ``[1, H, W, C]``."""
+    one: Tensor = views.zero().reshape(-1, *views.shape[-3:])[:1]
+    return one

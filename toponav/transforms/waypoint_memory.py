@@ -18,13 +18,13 @@ from toponav.keys import (
     VISITS,
     WAYPOINT,
 )
-from toponav.transforms.episode_buffers import ReadSchedule, restarting_rows
-from toponav.transforms.specs import KeyedTransform, Keys, find_views, get_entry
+from toponav.transforms.episode_buffers import restarting_rows
+from toponav.transforms.specs import KeyedTransform, Keys, find_views
 from toponav.transforms.view_similarity import Compare, Embed, ViewSimilarity
 from toponav.transforms.waypoint_slots import CountOn, WaypointSlots
 
-_OUT_KEYS = [EMBEDDING, WAYPOINT, SIMILARITY, NOVEL, IS_NEW_WAYPOINT]
-_OUT_KEYS += [VISITS, NUM_WAYPOINTS]
+#: Decisions from one reading of numbers to the next where it waits for a device.
+_READ_EVERY = 16
 
 
 class WaypointMemory(KeyedTransform):
@@ -72,6 +72,19 @@ class WaypointMemory(KeyedTransform):
         [0, 1, 1]
     """
 
+    default_keys = (
+        [PIXELS],
+        [
+            EMBEDDING,
+            WAYPOINT,
+            SIMILARITY,
+            NOVEL,
+            IS_NEW_WAYPOINT,
+            VISITS,
+            NUM_WAYPOINTS,
+        ],
+    )
+
     def __init__(
         self,
         embed: Embed,
@@ -87,16 +100,9 @@ class WaypointMemory(KeyedTransform):
         in_keys: Keys = None,
         out_keys: Keys = None,
     ) -> None:
-        super().__init__(in_keys, out_keys, defaults=([PIXELS], _OUT_KEYS))
-        self.similarity = ViewSimilarity(
-            embed,
-            compare,
-            prepare,
-            embedding_key=self.out_keys[0],
-            similarity_key=self.out_keys[2],
-        )
+        super().__init__(in_keys, out_keys)
+        self.similarity = ViewSimilarity(embed, compare, prepare)
         self.threshold = threshold
-        self.reads = ReadSchedule()
         self.slots = WaypointSlots(
             capacity=capacity,
             persistence=persistence,
@@ -104,6 +110,8 @@ class WaypointMemory(KeyedTransform):
             count_on=count_on,
             keep_images=keep_images,
         )
+        # Decisions since numbers were read.
+        self._unread = 0
 
     def clone(self) -> Self:
         copied: Self = super().clone()
@@ -136,51 +144,33 @@ class WaypointMemory(KeyedTransform):
         """
         if not self.slots.keep_images:
             raise ValueError("keep_images must be True to refresh, got False")
-        if chunk < 1:
-            raise ValueError(f"chunk must be at least 1, got {chunk}")
         if threshold is not None:
             self.threshold = threshold
         self.slots.read_num_used()
         envs, slot = self.slots.live.nonzero(as_tuple=True)
-        if not len(envs):
-            return
-        for some, where in zip(envs.split(chunk), slot.split(chunk), strict=True):
-            views = self.slots.images[some, where]
-            embedding = self.similarity.embed(views)
-            self.similarity.check(embedding)
-            entry = self.similarity.entries(embedding)
-            self.slots.store(some, where, entry, views)
+        if len(envs):
+            for some, where in zip(envs.split(chunk), slot.split(chunk), strict=True):
+                self._embed_into(some, where, self.slots.images[some, where])
 
     @torch.no_grad()
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         shape, views = self._views(tensordict_reset)
+        self.slots.resize(len(views), views.device)
         rows = restarting_rows(self, tensordict, shape, views.device).reshape(-1)
-        embedding = self._begin(rows.nonzero().squeeze(-1), views)
+        envs = rows.nonzero().squeeze(-1)
+        if len(envs):
+            self.slots.restart(envs)
+            first = self._embed_into(envs, torch.zeros_like(envs), views[envs])
+        else:  # One view says how long an embedding is.
+            first = self.similarity.embed(views[:1])[:0]
+        embedding = first.new_zeros(len(views), first.shape[-1])
+        embedding[envs] = first
         waypoint, visits = rows.long() - 1, rows.long()
         similarity = torch.zeros_like(rows, dtype=torch.float32)
         flags = [waypoint, similarity, rows, rows.clone(), visits]
-        return self._write(tensordict_reset, shape, embedding, flags)
-
-    def _views(self, tensordict: TensorDictBase) -> tuple[torch.Size, Tensor]:
-        views = get_entry(self, tensordict, self.in_keys[0])
-        flat = views.reshape(-1, *views.shape[-3:])
-        self.slots.resize(len(flat), flat.device)
-        return views.shape[:-3], flat
-
-    def _begin(self, envs: Tensor, views: Tensor) -> Tensor:
-        if not len(envs):
-            length = self.similarity.embedding_length(views[:1])
-            return torch.zeros(len(views), length, device=views.device)
-        first = self.similarity.embed(views[envs])
-        self.similarity.check(first)
-        self.slots.restart(envs)
-        entry = self.similarity.entries(first)
-        self.slots.store(envs, torch.zeros_like(envs), entry, views[envs])
-        embedding = first.new_zeros(len(views), first.shape[-1])
-        embedding[envs] = first
-        return embedding
+        return self._write(tensordict_reset, shape, [embedding, *flags])
 
     @torch.no_grad()
     def _step(
@@ -188,30 +178,41 @@ class WaypointMemory(KeyedTransform):
     ) -> TensorDictBase:
         shape, views = self._views(next_tensordict)
         embedding = self.similarity.embed(views)
-        known = self._compare(embedding)
+        memory = self.slots.memory[:, : self.slots.num_used]
+        known = self.similarity.compare(embedding, memory)
+        known = known.masked_fill(~self.slots.live, 0.0)
         similarity, nearest = known.max(-1)
         novel = similarity <= self.threshold
         waypoint, is_new, visits = self.slots.decide(novel, nearest)
         self._store_new(is_new, waypoint, embedding, views)
-        if self.reads.is_due(views.device):
+        self._unread += 1
+        if self._is_free(views.device) or self._unread == _READ_EVERY:
+            self._unread = 0
             self.similarity.check(embedding, known)
             self.slots.read_num_used()
         similarity = similarity.clamp(0.0, 1.0)
         flags = [waypoint, similarity, novel, is_new, visits]
-        return self._write(next_tensordict, shape, embedding, flags)
+        return self._write(next_tensordict, shape, [embedding, *flags])
 
-    def _compare(self, embedding: Tensor) -> Tensor:
-        num_slots = self.slots.num_used
-        if not num_slots:
-            return embedding.new_zeros(len(embedding), 1)
-        memory = self.slots.memory[:, :num_slots]
-        known = self.similarity.compare(embedding, memory)
-        return known.masked_fill(~self.slots.live, 0.0)
+    def _views(self, tensordict: TensorDictBase) -> tuple[torch.Size, Tensor]:
+        views = tensordict[self.in_keys[0]]
+        return views.shape[:-3], views.reshape(-1, *views.shape[-3:])
+
+    def _embed_into(self, envs: Tensor, slot: Tensor, views: Tensor) -> Tensor:
+        """Keep views in slots of the rows ``envs``; returns their embeddings."""
+        embedding = self.similarity.embed(views)
+        self.similarity.check(embedding)
+        self.slots.store(envs, slot, self.similarity.entries(embedding), views)
+        return embedding
+
+    def _is_free(self, device: torch.device) -> bool:
+        """Whether reading a number of the device waits for nothing."""
+        return device.type == "cpu"
 
     def _store_new(
         self, is_new: Tensor, waypoint: Tensor, embedding: Tensor, views: Tensor
     ) -> None:
-        if self.reads.is_free(is_new.device):
+        if self._is_free(is_new.device):
             envs = is_new.nonzero().squeeze(-1)
             if len(envs):
                 entry = self.similarity.entries(embedding[envs])
@@ -223,36 +224,25 @@ class WaypointMemory(KeyedTransform):
         self.slots.store(envs, waypoint.clamp(min=0), entry, views, only=is_new)
 
     def _write(
-        self,
-        tensordict: TensorDictBase,
-        shape: torch.Size,
-        embedding: Tensor,
-        flags: list[Tensor],
+        self, tensordict: TensorDictBase, shape: torch.Size, entries: list[Tensor]
     ) -> TensorDictBase:
-        tensordict.set(self.out_keys[0], embedding.reshape(*shape, -1))
-        flags = [*flags, self.slots.num_waypoints.clone()]
-        for key, value in zip(self.out_keys[1:], flags, strict=True):
-            tensordict.set(key, value.reshape(*shape, 1))
+        entries = [*entries, self.slots.num_waypoints.clone()]
+        for key, value in zip(self.out_keys, entries, strict=True):
+            tensordict.set(key, value.reshape(*shape, -1))
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         view = find_views(observation_spec, self.in_keys[0])
-        shape, device = view.shape[:-3], view.device
-        one = view.zero().reshape(-1, *view.shape[-3:])[:1]
-        number = Unbounded(shape=(*shape, 1), dtype=torch.int64, device=device)
-        flag = Binary(1, shape=(*shape, 1), dtype=torch.bool, device=device)
-        length = self.similarity.embedding_length(one)
-        code = Unbounded(shape=(*shape, length), dtype=torch.float32, device=device)
-        share = Bounded(0.0, 1.0, (*shape, 1), dtype=torch.float32, device=device)
+        batch, device = view.shape[:-3], view.device
+        length = self.similarity.embedding_length(view)
+        number = Unbounded((*batch, 1), device, torch.int64)
+        flag = Binary(1, (*batch, 1), device, torch.bool)
         specs = [
-            code,
+            Unbounded((*batch, length), device, torch.float32),
             number,
-            share,
-            flag,
-            flag.clone(),
-            number.clone(),
-            number.clone(),
+            Bounded(0.0, 1.0, (*batch, 1), device, torch.float32),
+            *(flag, flag, number, number),
         ]
         for key, spec in zip(self.out_keys, specs, strict=True):
-            observation_spec[key] = spec
+            observation_spec[key] = spec.clone()
         return observation_spec

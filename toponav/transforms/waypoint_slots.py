@@ -1,6 +1,6 @@
 """`WaypointSlots`: which waypoints each env has, and how often it visited them."""
 
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor, nn
@@ -9,15 +9,7 @@ from toponav.transforms.episode_buffers import ResizableBuffers, grow_slots
 
 CountOn = Literal["every", "entry"]
 
-_PER_ENV = ("num_waypoints", "novel_streak", "since_new", "last_waypoint")
-
-
-class Decision(NamedTuple):
-    """What one decision did in every env, ``[N]``; see the keys of the same names."""
-
-    waypoint: Tensor
-    is_new: Tensor
-    visits: Tensor
+_SINCE_START = ("novel_streak", "since_new", "last_waypoint")
 
 
 class WaypointSlots(ResizableBuffers, nn.Module):
@@ -27,11 +19,11 @@ class WaypointSlots(ResizableBuffers, nn.Module):
     which L are in use somewhere. The arguments are those of `WaypointMemory`.
 
     Examples:
-        >>> slots = WaypointSlots(capacity=8)
+        >>> slots = WaypointSlots()
         >>> slots.resize(1, torch.device("cpu"))
         >>> slots.restart(torch.tensor([0]))
         >>> slots.decide(novel=torch.tensor([True]), nearest=torch.tensor([0]))
-        Decision(waypoint=tensor([1]), is_new=tensor([True]), visits=tensor([1]))
+        (tensor([1]), tensor([True]), tensor([1]))
     """
 
     memory: Tensor
@@ -56,9 +48,10 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         for name, value in minima.items():
             if value < 1:
                 raise ValueError(f"{name} must be at least 1, got {value}")
-        choices = get_args(CountOn)
-        if count_on not in choices:
-            raise ValueError(f"count_on must be one of {choices}, got {count_on!r}")
+        if count_on not in get_args(CountOn):
+            raise ValueError(
+                f"count_on must be one of {get_args(CountOn)}, got {count_on!r}"
+            )
         self.capacity = capacity
         self.persistence = persistence
         self.min_gap = min_gap
@@ -69,7 +62,7 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         self.register_buffer("memory", torch.empty(0, 0, 0))
         self.register_buffer("images", torch.empty(0, 0, dtype=torch.uint8))
         self.register_buffer("counts", torch.empty(0, 0, dtype=torch.int64))
-        for name in _PER_ENV:
+        for name in ("num_waypoints", *_SINCE_START):
             self.register_buffer(name, torch.empty(0, dtype=torch.int64))
 
     def _load_from_state_dict(self, *args: Any) -> None:
@@ -84,31 +77,31 @@ class WaypointSlots(ResizableBuffers, nn.Module):
 
     def resize(self, num_envs: int, device: torch.device) -> None:
         """Have one row per env, all empty if their number changed, on ``device``."""
-        num_waypoints = self.num_waypoints
-        if num_waypoints.device != device:
-            self.to(device)
-        if len(num_waypoints) != num_envs:
+        self.to(device)
+        if len(self.num_waypoints) != num_envs:
             for name, buffer in list(self.named_buffers()):
-                shape = (num_envs, *buffer.shape[1:])
-                setattr(self, name, buffer.new_zeros(shape))
+                setattr(self, name, buffer.new_zeros(num_envs, *buffer.shape[1:]))
             self.num_used = 0
 
     def read_num_used(self) -> None:
         """Read `num_used` from the counts, which waits for their device."""
-        num_waypoints = self.num_waypoints
-        self.num_used = int(num_waypoints.max()) if len(num_waypoints) else 0
+        self.num_used = max(self.num_waypoints.tolist(), default=0)
 
     def restart(self, envs: Tensor) -> None:
         """Begin an episode in rows ``envs``, int64 ``[R]``, with one waypoint."""
         self._make_room(1)
-        for name in ("novel_streak", "since_new", "last_waypoint"):
+        for name in _SINCE_START:
             getattr(self, name)[envs] = 0
         self.num_waypoints[envs] = 1
         self.counts[envs, 0] = 1
         self.num_used = max(self.num_used, 1)
 
-    def decide(self, novel: Tensor, nearest: Tensor) -> Decision:
-        """Count a visit of slot ``nearest``, or of a new waypoint if ``novel``."""
+    def decide(self, novel: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Count a visit of slot ``nearest``, or of a new waypoint if ``novel``.
+
+        Returns:
+            ``waypoint``, ``is_new_waypoint`` and ``visits`` as in the keys, ``[N]``.
+        """
         self._make_room(min(self.num_used + 1, self.capacity))
         # Modules look attributes up slowly, and half of this is such overhead.
         num, last_waypoint, counts = self.num_waypoints, self.last_waypoint, self.counts
@@ -125,8 +118,7 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         num += is_new
         torch.where(mapped, slot, last_waypoint, out=last_waypoint)
         self.num_used = min(self.num_used + 1, self.capacity)
-        waypoint = torch.where(mapped, slot, -1)
-        return Decision(waypoint, is_new, count * (is_new | visited))
+        return torch.where(mapped, slot, -1), is_new, count * (is_new | visited)
 
     def _is_new(self, novel: Tensor, num_waypoints: Tensor) -> Tensor:
         novel_streak, since_new = self.novel_streak, self.since_new
@@ -156,32 +148,23 @@ class WaypointSlots(ResizableBuffers, nn.Module):
 
         ``only``, bool ``[R]``, leaves the slots of the others as they are.
         """
-        self.memory = self._with(self.memory, envs, slot, entry, only)
+        kept = {"memory": entry.float()}
         if self.keep_images:
-            images = self.images.to(view.dtype)
-            self.images = self._with(images, envs, slot, view, only)
-
-    def _with(
-        self,
-        buffer: Tensor,
-        envs: Tensor,
-        slot: Tensor,
-        values: Tensor,
-        only: Tensor | None,
-    ) -> Tensor:
-        shape = (*self.counts.shape, *values.shape[1:])
-        if buffer.shape != shape:
-            buffer = buffer.new_zeros(shape)
-        if only is not None:
-            keep = ~only.reshape(-1, *[1] * (values.ndim - 1))
-            values = torch.where(keep, buffer[envs, slot], values)
-        buffer[envs, slot] = values.to(buffer.dtype)
-        return buffer
+            kept["images"] = view
+        for name, values in kept.items():
+            buffer = getattr(self, name).to(values.dtype)
+            shape = (*self.counts.shape, *values.shape[1:])
+            if buffer.shape != shape:
+                buffer = buffer.new_zeros(shape)
+            if only is not None:
+                chosen = only.reshape(-1, *[1] * (values.ndim - 1))
+                values = torch.where(chosen, values, buffer[envs, slot])
+            buffer[envs, slot] = values
+            setattr(self, name, buffer)
 
     def _make_room(self, num_slots: int) -> None:
         if self.counts.shape[1] >= num_slots:
             return
-        names = ["counts", "memory", *(["images"] if self.keep_images else [])]
-        for name in names:
-            buffer = getattr(self, name)
-            setattr(self, name, grow_slots(buffer, num_slots, self.capacity))
+        for name in ["counts", "memory", *(["images"] if self.keep_images else [])]:
+            grown = grow_slots(getattr(self, name), num_slots, self.capacity)
+            setattr(self, name, grown)
