@@ -147,7 +147,8 @@ class MineBench:
         episodes = Episodes.from_lengths([1800] * 50)
         _, extra = chunks.draw(episodes, 32, self.generator)
         self.frames = TensorDict({**extra, "pixels": make_views(2, 16)}, [2, 16])
-        self.num_mined = len(self.rule.mine(self.frames, in_key="step"))
+        self.frames["embedding"] = self.frames["step"]
+        self.num_mined = len(self.rule.mine(self.frames))
 
     def step_on_separate(self) -> None:
         """One update from 64 pairs of views of their own."""

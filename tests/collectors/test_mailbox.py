@@ -62,9 +62,17 @@ def test_later_changes_of_a_module_do_not_leak_out() -> None:
     ("name", "given", "message"),
     [
         ("polcy", filled(0), "name must be one of policy, got 'polcy'"),
-        ("policy", {"weight": torch.ones(4)}, "must hold count .* got nothing"),
-        ("policy", filled(0, size=5), r"weight of shape \[4\], got \[5\]"),
-        ("policy", filled(0) | {"more": torch.ones(1)}, "got more too"),
+        (
+            "policy",
+            {"weight": torch.ones(4)},
+            "count in 'policy' must be .* got nothing",
+        ),
+        ("policy", filled(0, size=5), r"weight in 'policy' must be \[4\], got \[5\]"),
+        (
+            "policy",
+            filled(0) | {"more": torch.ones(1)},
+            "more in 'policy' must be nothing",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(

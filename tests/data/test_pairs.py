@@ -45,7 +45,7 @@ def test_gathered_views_carry_gradients() -> None:
     views = torch.arange(6.0).reshape(2, 3, 1).requires_grad_()
     frames = TensorDict({"embedding": views}, [2, 3])
     pair = torch.tensor([[0, 4], [5, 0]])
-    pairs = gather_pairs(frames, pair, "embedding", {"label": torch.tensor([1.0, 0])})
+    pairs = gather_pairs(frames, pair, {"label": torch.tensor([1.0, 0])})
     assert pairs["anchor"].flatten().tolist() == [0, 5]
     assert pairs["other"].flatten().tolist() == [4, 0]
     pairs["anchor"].sum().backward()

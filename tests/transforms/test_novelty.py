@@ -4,11 +4,7 @@ import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
-from toponav.transforms import (
-    combine_rewards,
-    count_reward,
-    temporal_distance_reward,
-)
+from toponav.transforms import count_reward, temporal_distance_reward
 
 shares = st.floats(0, 1, width=32)
 
@@ -51,17 +47,6 @@ def test_less_similar_never_pays_less(one, other):
     assert 1.0 <= near <= far <= 1 / 0.05
 
 
-def test_combine_worked_numbers():
-    count, distance = torch.tensor([0.1, 0.2]), torch.tensor([1.2, 1.6])
-    novel = torch.tensor([False, True])
-    torch.testing.assert_close(
-        combine_rewards(count, distance, novel), torch.tensor([0.1, 1.6])
-    )
-    torch.testing.assert_close(
-        combine_rewards(count, distance, novel, how="sum"), torch.tensor([1.3, 1.8])
-    )
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -70,10 +55,6 @@ def test_combine_worked_numbers():
         (
             lambda: temporal_distance_reward(torch.ones(1), 1.0, floor=0.0),
             r"floor must be in \(0, 1\], got 0.0",
-        ),
-        (
-            lambda: combine_rewards(*torch.zeros(3, 1), how="mean"),
-            r"combine must be one of \('exclusive', 'sum'\), got 'mean'",
         ),
     ],
 )

@@ -25,7 +25,7 @@ def pay(way, *, combine="exclusive", **guards):
     parts = [
         CountReward(ALPHA, combine=combine),
         TemporalDistanceReward(BETA, combine=combine),
-        IntrinsicReward(combine),
+        IntrinsicReward(),
     ]
     reset(memory, shade(way[0]))
     walk = [step(memory, shade(grey)) for grey in way[1:]]
@@ -120,9 +120,7 @@ def make_rewards(count="count_reward", distance="temporal_distance_reward"):
         WaypointMemory(first_pixel, closeness, threshold=0.8),
         CountReward(ALPHA, out_keys=[count]),
         TemporalDistanceReward(BETA, out_keys=[distance]),
-        IntrinsicReward(
-            in_keys=[count, distance, "is_new_waypoint"], out_keys=[("all", "paid")]
-        ),
+        IntrinsicReward(in_keys=[count, distance], out_keys=[("all", "paid")]),
     )
 
 
@@ -151,9 +149,9 @@ def test_the_tasks_reward_is_untouched():
         (partial(TemporalDistanceReward, -1.0), "beta must be at least 0, got -1.0"),
         (partial(TemporalDistanceReward, 1.0, floor=2.0), r"floor must be in \(0, 1\]"),
         (partial(CountReward, 1.0, combine="both"), "combine must be one of"),
-        (partial(IntrinsicReward, "mean"), "combine must be one of .* got 'mean'"),
+        (partial(TemporalDistanceReward, 1.0, combine="mean"), "one of .* got 'mean'"),
         (partial(CountReward, 1.0, in_keys=["n"]), "in_keys must be 2 and out_keys 1"),
-        (partial(IntrinsicReward, in_keys=["n"]), "in_keys must be 3 and out_keys 1"),
+        (partial(IntrinsicReward, in_keys=["n"]), "in_keys must be 2 and out_keys 1"),
     ],
 )
 def test_wrong_arguments_are_refused(make, message):
@@ -171,10 +169,6 @@ def test_wrong_arguments_are_refused(make, message):
         (
             [make_memory(), CountReward(ALPHA), IntrinsicReward()],
             "'temporal_distance_reward' must be an observation or a reward",
-        ),
-        (
-            [make_memory(), CountReward(ALPHA, combine="sum"), IntrinsicReward()],
-            "combine must be that of CountReward, 'sum', got 'exclusive'",
         ),
     ],
 )

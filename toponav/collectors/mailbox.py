@@ -7,6 +7,9 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+#: What is published: a module (parameters and persistent buffers), or tensors by name.
+Weights = nn.Module | Mapping[str, Tensor]
+
 # The stamp is odd while a publication is being written.
 _WRITING = 1
 
@@ -25,8 +28,7 @@ class Mailbox:
     nothing.
 
     Args:
-        modules: what is published, by name: modules (parameters and persistent buffers)
-            or tensors by name.
+        modules: what is published, by name.
         versions: number of these first values by name, 0 unless given.
 
     Examples:
@@ -38,7 +40,7 @@ class Mailbox:
 
     def __init__(
         self,
-        modules: Mapping[str, nn.Module | Mapping[str, Tensor]],
+        modules: Mapping[str, Weights],
         *,
         versions: Mapping[str, int] | None = None,
     ) -> None:
@@ -58,7 +60,7 @@ class Mailbox:
         """Number of the newest complete publication."""
         return int(self._stamps[name]) // 2
 
-    def publish(self, name: str, module: nn.Module | Mapping[str, Tensor]) -> int:
+    def publish(self, name: str, module: Weights) -> int:
         """Publish new weights of the module ``name``; returns their version."""
         source = self._matching(name, module)
         stamp = self._stamps[name]
@@ -68,13 +70,7 @@ class Mailbox:
         stamp += 1
         return int(stamp) // 2
 
-    def pull(
-        self,
-        name: str,
-        module: nn.Module | Mapping[str, Tensor],
-        *,
-        timeout_s: float = 60.0,
-    ) -> int:
+    def pull(self, name: str, module: Weights, *, timeout_s: float = 60.0) -> int:
         """Copy the newest weights into a module on any device; returns their version.
 
         No copy mixes two publications. MailboxError if the module does not fit, or none
@@ -97,30 +93,21 @@ class Mailbox:
                 )
             time.sleep(1e-4)
 
-    def _matching(
-        self, name: str, module: nn.Module | Mapping[str, Tensor]
-    ) -> Mapping[str, Tensor]:
+    def _matching(self, name: str, module: Weights) -> Mapping[str, Tensor]:
         if name not in self._slots:
             known = ", ".join(self._slots)
             raise MailboxError(f"name must be one of {known}, got '{name}'")
-        tensors, slots = tensors_of(module), self._slots[name]
-        for key, slot in slots.items():
-            given = tensors.get(key)
-            if given is None or given.shape != slot.shape:
-                shape = "nothing" if given is None else list(given.shape)
-                raise MailboxError(
-                    f"'{name}' must hold {key} of shape {list(slot.shape)}, got {shape}"
-                )
-        if extra := set(tensors) - set(slots.keys()):
-            raise MailboxError(
-                f"'{name}' must hold what it held at the start, got {min(extra)} too"
-            )
+        tensors = tensors_of(module)
+        held = {key: list(slot.shape) for key, slot in self._slots[name].items()}
+        given = {key: list(value.shape) for key, value in tensors.items()}
+        for key in held | given:
+            shape, other = held.get(key, "nothing"), given.get(key, "nothing")
+            if shape != other:
+                raise MailboxError(f"{key} in '{name}' must be {shape}, got {other}")
         return tensors
 
 
-def tensors_of(module: nn.Module | Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+def tensors_of(module: Weights) -> dict[str, Tensor]:
     """Parameters and persistent buffers by name: the module's own memory, detached."""
-    if not isinstance(module, nn.Module):
-        return module
-    entries = module.state_dict().items()
-    return {name: value for name, value in entries if isinstance(value, Tensor)}
+    entries = module.state_dict() if isinstance(module, nn.Module) else module
+    return {name: value for name, value in entries.items() if isinstance(value, Tensor)}

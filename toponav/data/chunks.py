@@ -14,11 +14,10 @@ from toponav.keys import EPISODE, STEP
 class Chunks:
     """Draw a batch of ``E`` episodes with ``C`` chunks of successive frames each.
 
-    Embedded once, the frames of one batch give many pairs (`TCPairs.mine`,
-    `LPairs.mine`): short distances within a chunk, long ones between the chunks of an
-    episode. Episodes are drawn in proportion to their length, and not twice in a
-    batch while there are enough; chunks start anywhere and may overlap. A sample has
-    the batch size ``[E, C * chunk_len]`` and the extra keys ``episode`` and ``step``.
+    Pairs are mined from it (`TCPairs.mine`): close ones within a chunk, distant ones
+    between the chunks of an episode. Episodes are drawn in proportion to their length,
+    and not twice in a batch while there are enough; chunks start anywhere and may
+    overlap. A sample is ``[E, C * chunk_len]``, with ``episode`` and ``step``.
 
     Args:
         chunks_per_episode: number C of chunks.

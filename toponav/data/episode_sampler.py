@@ -24,13 +24,9 @@ class DrawRule(Protocol):
 class EpisodeSampler(Sampler):
     """Draw frames from whole episodes of a replay buffer, by a rule.
 
-    TorchRL's ``SliceSampler`` gives one stretch of fixed length per draw. A pair needs
-    two places of one episode, up to an episode apart, so the rule draws places from
-    the list of episodes instead. The list is rebuilt after a write, not per draw.
-    Random numbers are the buffer's: seed them with ``buffer.set_rng(generator)``.
-
-    Args:
-        rule: which frames form a batch.
+    TorchRL's ``SliceSampler`` gives one stretch of fixed length per draw, but the two
+    views of a pair may be an episode apart. The list of episodes is rebuilt after a
+    write, not per draw. Random numbers are the buffer's: ``buffer.set_rng(generator)``.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -78,11 +74,8 @@ class SplitPairs(Transform):
     """Turn a sample of pairs, batch ``[P, 2]``, into one of batch ``[P]``.
 
     For a replay buffer whose `EpisodeSampler` draws `TCPairs` or `LPairs`. The entry
-    ``in_key`` of the two frames becomes ``anchor`` and ``other``; of all else, such as
-    the action, the anchor's is kept. ValueError if the sample is not made of pairs.
-
-    Args:
-        in_key: entry of a frame; ``[P, 2, *D]``.
+    ``in_key`` ``[P, 2, *D]`` of the two frames becomes ``anchor`` and ``other``; of all
+    else, such as the action, the anchor's is kept.
 
     Examples:
         >>> from tensordict import TensorDict

@@ -65,10 +65,7 @@ def find_episodes(storage: Storage) -> Episodes:
     """Sort the frames of a storage of any number of dimensions by episode and step.
 
     Where they lie does not matter: several writers may take turns in one ring. The
-    frames have a number of their episode, unique in the storage, and ``step_count``.
-
-    Raises:
-        ValueError: if a trajectory has two frames of the same step.
+    number of an episode must be unique in the storage.
     """
     if len(storage) == 0:
         return Episodes.from_lengths([])

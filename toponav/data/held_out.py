@@ -49,12 +49,8 @@ class HeldOut:
         self.name = name
         self.num_episodes, self.length = frames.shape
         self.frames = frames.flatten()
-
-    @property
-    def pixels(self) -> Tensor:
-        """Views of all frames, ``[E * T, H, W, 3]``, episode after episode."""
-        pixels: Tensor = self.frames.get(NETWORK_PIXELS)
-        return pixels
+        #: Views of all frames, ``[E * T, H, W, 3]``, episode after episode.
+        self.pixels: Tensor = self.frames.get(NETWORK_PIXELS)
 
     def draw(self, rule: DrawRule, num_pairs: int, *, seed: int) -> PairSet:
         """Draw pairs by a rule, such as `TCPairs` or `LPairs`."""

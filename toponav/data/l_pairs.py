@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from toponav.data.episodes import Episodes
@@ -13,7 +13,7 @@ from toponav.data.pairs import (
     draw_near,
     gather_pairs,
 )
-from toponav.keys import ACTION, EMBEDDING, WEIGHT
+from toponav.keys import ACTION, WEIGHT
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,7 @@ class LPairs:
     """The rule of the L-network's pairs ``(o_i, o_(i+j), a_i)``, and how to get them.
 
     The distance j is uniform in 1..k, no pair spans two episodes, and the earlier view
-    always comes first: the action is the first one on the path. `draw` is for an
-    `EpisodeSampler` with `SplitPairs` behind it, `mine` for batches of `Chunks`.
+    always comes first: the action is the first one on the path.
 
     Reference:
         The paper, "Navigation implementation", eq. 14; the uniform distance from
@@ -54,10 +53,8 @@ class LPairs:
         episodes.require(k + 1, "more than max_action_distance")
         return draw_near(episodes, batch_size, k, generator), {}
 
-    def mine(
-        self, frames: TensorDictBase, *, in_key: NestedKey = EMBEDDING
-    ) -> TensorDict:
-        """All pairs among the frames of a batch of `Chunks`, as `TCPairs.mine`.
+    def mine(self, frames: TensorDictBase) -> TensorDict:
+        """All pairs of embeddings of a batch of `Chunks`, as `TCPairs.mine`.
 
         ``action`` replaces ``label``; weights make every distance count the same.
         """
@@ -67,4 +64,4 @@ class LPairs:
         weight = distance_weights(gap[near], self.max_action_distance)
         action = frames.get(ACTION).flatten()
         entries = {ACTION: action[pair[:, 0].to(action.device)], WEIGHT: weight}
-        return gather_pairs(frames, pair, in_key, entries)
+        return gather_pairs(frames, pair, entries)

@@ -6,11 +6,11 @@ from dataclasses import KW_ONLY, dataclass
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import ReplayBuffer, TensorDictReplayBuffer
+from torchrl.data import TensorDictReplayBuffer
 from torchrl.data.replay_buffers import Storage
 
 from toponav.data.chunks import Chunks
-from toponav.data.episode_sampler import DrawRule, EpisodeSampler, SplitPairs
+from toponav.data.episode_sampler import EpisodeSampler, SplitPairs
 from toponav.data.l_pairs import LPairs
 from toponav.data.tc_pairs import TCPairs
 from toponav.keys import EMBEDDING, LABEL, NETWORK_PIXELS, WEIGHT
@@ -23,10 +23,9 @@ Embed = Callable[[Tensor], Tensor]
 class MinedPairs:
     """Many pairs from few views: embed some chunks of frames, then pair all of them.
 
-    A call draws a batch of `Chunks`, embeds each view once and returns pairs *of
-    embeddings* for the TC-network and for the L-network, with gradients to the
-    encoders. Of the close and of the distant pairs at most half of ``max_pairs`` each
-    are kept, drawn at random, so that their number does not depend on k.
+    A call returns pairs *of embeddings* for the TC-network and for the L-network, with
+    gradients to the encoders. Of the close and of the distant pairs at most half of
+    ``max_pairs`` each are kept, drawn at random: their number does not depend on k.
 
     Args:
         storage: frames with views, actions, trajectory and step numbers.
@@ -56,8 +55,11 @@ class MinedPairs:
     def __post_init__(self) -> None:
         if self.max_pairs < 2:
             raise ValueError(f"max_pairs must be at least 2, got {self.max_pairs}")
-        self.buffer = _make_buffer(
-            self.storage, self.chunks, self.num_frames, self.generator
+        self.buffer = TensorDictReplayBuffer(
+            storage=self.storage,
+            sampler=EpisodeSampler(self.chunks),
+            batch_size=self.num_frames,
+            generator=self.generator,
         )
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
@@ -94,7 +96,13 @@ class DrawnPairs:
         device: torch.device | str = "cpu",
     ) -> None:
         self.buffers = [
-            _make_buffer(storage, rule, num_pairs, generator, SplitPairs())
+            TensorDictReplayBuffer(
+                storage=storage,
+                sampler=EpisodeSampler(rule),
+                batch_size=num_pairs,
+                transform=SplitPairs(),
+                generator=generator,
+            )
             for rule in (tc_pairs, l_pairs)
         ]
         self.device = device
@@ -108,14 +116,7 @@ class DrawnPairs:
 def keep_some(
     pairs: TensorDictBase, limit: int, generator: torch.Generator | None
 ) -> TensorDictBase:
-    """At most ``limit`` pairs ``[P]``, drawn at random; the sum of weights is kept.
-
-    Examples:
-        >>> from tensordict import TensorDict
-        >>> pairs = TensorDict({"weight": torch.full((4,), 0.25)}, [4])
-        >>> keep_some(pairs, 2, None)["weight"]
-        tensor([0.5000, 0.5000])
-    """
+    """At most ``limit`` pairs ``[P]``, drawn at random; the sum of weights is kept."""
     if len(pairs) <= limit:
         return pairs
     weight = pairs.get(WEIGHT)
@@ -123,20 +124,3 @@ def keep_some(
     kept = pairs[chosen]
     share = weight.sum() / weight[chosen].sum()
     return kept.set(WEIGHT, weight[chosen] * share)
-
-
-def _make_buffer(
-    storage: Storage,
-    rule: DrawRule,
-    batch_size: int,
-    generator: torch.Generator | None,
-    transform: SplitPairs | None = None,
-) -> ReplayBuffer:
-    buffer = TensorDictReplayBuffer(
-        storage=storage,
-        sampler=EpisodeSampler(rule),
-        batch_size=batch_size,
-        transform=transform,
-    )
-    buffer.set_rng(generator)
-    return buffer

@@ -1,11 +1,11 @@
 """What `TCPairs` and `LPairs` share: drawing, weighing, gathering."""
 
 import torch
-from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from toponav.data.episodes import Episodes
-from toponav.keys import ANCHOR, EPISODE, OTHER, STEP
+from toponav.keys import ANCHOR, EMBEDDING, EPISODE, OTHER, STEP
 
 
 def compare_steps(frames: TensorDictBase) -> tuple[Tensor, Tensor]:
@@ -17,28 +17,16 @@ def compare_steps(frames: TensorDictBase) -> tuple[Tensor, Tensor]:
 
 
 def distance_weights(distance: Tensor, max_distance: int) -> Tensor:
-    """Weights that make every distance that occurs count the same; they sum to one.
-
-    Examples:
-        >>> distance_weights(torch.tensor([1, 1, 2]), 4)
-        tensor([0.2500, 0.2500, 0.5000])
-    """
+    """Weights that make every distance that occurs count the same; they sum to one."""
     count = torch.bincount(distance, minlength=max_distance + 1)
     return 1 / (count[distance] * (count > 0).sum().clamp(min=1)).float()
 
 
 def gather_pairs(
-    frames: TensorDictBase,
-    pair: Tensor,
-    in_key: NestedKey,
-    entries: dict[str, Tensor],
+    frames: TensorDictBase, pair: Tensor, entries: dict[str, Tensor]
 ) -> TensorDict:
-    """Pairs ``[P]`` of frames with ``entries`` beside ``anchor`` and ``other``.
-
-    ``pair``, int64 ``[P, 2]``, numbers the flattened frames. The result is on the
-    device of the frames.
-    """
-    views = frames.get(in_key).flatten(0, frames.ndim - 1)
+    """Embeddings of the pairs ``[P, 2]``, numbers of flattened frames, and entries."""
+    views = frames.get(EMBEDDING).flatten(0, frames.ndim - 1)
     anchor, other = pair.to(views.device).unbind(-1)
     entries = {ANCHOR: views[anchor], OTHER: views[other], **entries}
     moved = {key: entry.to(views.device) for key, entry in entries.items()}
@@ -48,11 +36,7 @@ def gather_pairs(
 def draw_near(
     episodes: Episodes, num: int, k: int, generator: torch.Generator | None
 ) -> Tensor:
-    """Places ``[num, 2]`` of pairs, the earlier first, 1..k decisions apart.
-
-    Distances are uniform, and anchors over the frames that have such a partner; one run
-    must be longer than k.
-    """
+    """Places ``[num, 2]`` of pairs, evenly 1..k decisions apart, the earlier first."""
     distance = 1 + draw_below(torch.full((num,), k), generator)
     # A run of length L has L - j frames that have a partner j decisions later.
     room = (episodes.length.unsqueeze(-1) - distance).clamp(min=0)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from toponav.data.episodes import Episodes
@@ -14,7 +14,7 @@ from toponav.data.pairs import (
     draw_near,
     gather_pairs,
 )
-from toponav.keys import EMBEDDING, LABEL, WEIGHT
+from toponav.keys import LABEL, WEIGHT
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class TCPairs:
     it. Half the pairs are positive, their distance is uniform, and the order of the two
     views is random.
 
-    `draw` draws pair by pair, as the paper does: put the rule in an `EpisodeSampler`
-    and `SplitPairs` behind it. `mine` takes all pairs of a batch of `Chunks`, where a
-    view is embedded once for many pairs; weights replace what `draw` does by chance.
+    `draw` draws pair by pair, as the paper does, for an `EpisodeSampler` with
+    `SplitPairs` behind it. `mine` takes all pairs of a batch of `Chunks`, where a view
+    is embedded once for many pairs; weights replace what `draw` does by chance.
 
     Reference:
         The paper, "Temporal correlation network"; M = 5 and the random order from
@@ -73,8 +73,8 @@ class TCPairs:
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Draw pairs: places ``[P, 2]`` of anchor and other, and ``label`` ``[P]``.
 
-        The first half (rounded up) is positive. Anchors are uniform over the frames
-        that have a partner, partners uniform over those that fit.
+        Anchors are uniform over the frames that have a partner, partners over those
+        that fit.
         """
         k, m = self.max_action_distance, self.negative_sample_multiplier
         episodes.require(m * k + 1, f"more than M * k = {m} * {k}")
@@ -102,25 +102,13 @@ class TCPairs:
         return place, {LABEL: label}
 
     def mine(
-        self,
-        frames: TensorDictBase,
-        *,
-        in_key: NestedKey = EMBEDDING,
-        generator: torch.Generator | None = None,
+        self, frames: TensorDictBase, *, generator: torch.Generator | None = None
     ) -> TensorDict:
-        """All pairs among the frames of a batch of `Chunks`.
+        """All pairs of frames ``[*B]`` with ``embedding``, ``episode`` and ``step``.
 
-        The weights make every positive distance count the same, and positives and
-        negatives half each; they sum to one. A kind of pair that the batch lacks is
-        left out. Gradients flow through ``in_key``.
-
-        Args:
-            frames: ``[*B]`` with ``episode``, ``step`` and ``in_key``, ``[*B, *D]``.
-            in_key: what to pair, usually the embeddings.
-            generator: source of the random order and choice; on the CPU.
-
-        Returns:
-            ``[P]`` with ``anchor``, ``other``, ``label`` and ``weight``.
+        ``[P]`` with ``anchor``, ``other``, ``label`` and ``weight``. The weights make
+        every positive distance count the same, and positives and negatives half each;
+        they sum to one, unless the batch lacks a kind. The embeddings have gradients.
         """
         same, gap = compare_steps(frames)
         gap = gap.abs()
@@ -133,9 +121,8 @@ class TCPairs:
         if share > 0:
             across = (once & ~same).nonzero()
             if len(across) > (limit := max(len(far), len(positives))):
-                across = across[
-                    torch.randperm(len(across), generator=generator)[:limit]
-                ]
+                order = torch.randperm(len(across), generator=generator)
+                across = across[order[:limit]]
         pair = torch.cat([positives, far, across])
         swap = torch.rand(len(pair), generator=generator) < 0.5
         pair = torch.where(swap.unsqueeze(-1), pair.flip(-1), pair)
@@ -147,7 +134,7 @@ class TCPairs:
             ]
         )
         label = (torch.arange(len(pair)) < len(positives)).float()
-        return gather_pairs(frames, pair, in_key, {LABEL: label, WEIGHT: weight})
+        return gather_pairs(frames, pair, {LABEL: label, WEIGHT: weight})
 
 
 def _draw_apart(

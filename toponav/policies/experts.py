@@ -1,6 +1,6 @@
 """Scripted policies that know the maze: upper ends of the scale, never agents."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -24,6 +24,9 @@ _HOPS = 3
 
 class _Expert(TensorDictModuleBase):
     _more_keys: Sequence[NestedKey] = ()
+    #: Of the data, the tables of routes and the cells: the next cells
+    #: ``[B, _HOPS + 1]``, and whether there is a path.
+    _plan: Callable[[TensorDictBase, Tensor, Tensor], tuple[Tensor, Tensor]]
 
     def __init__(
         self,
@@ -57,12 +60,6 @@ class _Expert(TensorDictModuleBase):
         random = torch.randint(self.num_actions, action.shape, generator=self.generator)
         action = torch.where(has_path, action, random).reshape(tensordict.batch_size)
         return tensordict.set(ACTION, action.to(tensordict.device))
-
-    def _plan(
-        self, data: TensorDictBase, table: Tensor, here: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """The next cells ``[B, _HOPS + 1]``, and whether there is a path."""
-        raise NotImplementedError
 
 
 class PathFollower(_Expert):
@@ -112,8 +109,6 @@ class FrontierExpert(_Expert):
     called. Arguments as in `PathFollower`.
     """
 
-    visited: Tensor
-
     def __init__(
         self,
         open_mask: Tensor,
@@ -127,8 +122,7 @@ class FrontierExpert(_Expert):
         if init_key is not None:
             self.in_keys.append(init_key)
         self.init_key = init_key
-        visited = torch.zeros(0, len(self.centres), dtype=torch.bool)
-        self.register_buffer("visited", visited, persistent=False)
+        self.visited = torch.zeros(0, len(self.centres), dtype=torch.bool)
 
     def reset(self, rows: Tensor | None = None) -> None:
         """Forget what was visited, in the rows bool ``[*B]`` or everywhere."""

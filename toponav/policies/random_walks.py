@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torch import Tensor
 
 from toponav.keys import ACTION
 
@@ -57,8 +56,6 @@ class StickyPolicy(TensorDictModuleBase):
 
     in_keys: list[NestedKey] = []
     out_keys = [ACTION]
-    weights: Tensor
-    last: Tensor
 
     def __init__(
         self,
@@ -78,19 +75,14 @@ class StickyPolicy(TensorDictModuleBase):
         super().__init__()
         self.stickiness = stickiness
         self.generator = torch.Generator().manual_seed(seed)
-        weighting = torch.tensor(weights, dtype=torch.float32)
-        self.register_buffer("weights", weighting, persistent=False)
+        self.weights = torch.tensor(weights, dtype=torch.float32)
         # The last actions, [*B]; B is known at the first call.
-        empty = torch.empty(0, dtype=torch.int64)
-        self.register_buffer("last", empty, persistent=False)
+        self.last = torch.empty(0, dtype=torch.int64)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
         drawn = torch.multinomial(
-            self.weights.cpu(),
-            shape.numel(),
-            replacement=True,
-            generator=self.generator,
+            self.weights, shape.numel(), replacement=True, generator=self.generator
         ).reshape(shape)
         if self.last.shape == shape:
             keep = torch.rand(shape, generator=self.generator) < self.stickiness

@@ -4,16 +4,11 @@ from toponav.transforms.area_downsample import AreaDownsample as AreaDownsample
 from toponav.transforms.coverage import Coverage as Coverage
 from toponav.transforms.embed_views import EmbedViews as EmbedViews
 from toponav.transforms.goal_views import GoalViews as GoalViews
-from toponav.transforms.noisy_tv import (
-    NOISE_LAWS as NOISE_LAWS,
-    NoiseLaw as NoiseLaw,
-    NoisyTV as NoisyTV,
-)
+from toponav.transforms.noisy_tv import NoisyTV as NoisyTV
 from toponav.transforms.novelty_rewards import (
     CountReward as CountReward,
     IntrinsicReward as IntrinsicReward,
     TemporalDistanceReward as TemporalDistanceReward,
-    combine_rewards as combine_rewards,
     count_reward as count_reward,
     temporal_distance_reward as temporal_distance_reward,
 )

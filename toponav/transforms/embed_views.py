@@ -1,5 +1,6 @@
-"""`EmbedViews`: embeddings for policies and maps where no reward needs them."""
+"""`EmbedViews` and `ViewSimilarity`: what callables of their owners say of views."""
 
+from collections.abc import Callable
 from functools import partial
 
 import torch
@@ -9,7 +10,12 @@ from torchrl.data import TensorSpec, Unbounded
 
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
 from toponav.transforms.specs import Keys, ViewTransform
-from toponav.transforms.view_similarity import Embed, embedding_length
+
+Embed = Callable[[Tensor], Tensor]
+Compare = Callable[[Tensor, Tensor], Tensor]
+
+#: What rounding may add to a similarity of 0 or 1.
+_ROUNDING = 1e-3
 
 
 class EmbedViews(ViewTransform):
@@ -46,3 +52,81 @@ class EmbedViews(ViewTransform):
     def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
         shape = (*view.shape[:-3], embedding_length(self._embed, view))
         return Unbounded(shape, view.device, torch.float32)
+
+
+class ViewSimilarity:
+    """How `WaypointMemory` compares views, with the arguments of the same names.
+
+    Not a module, so that a transform that holds one neither moves nor saves nor trains
+    the networks behind it.
+    """
+
+    def __init__(
+        self, embed: Embed, compare: Compare, prepare: Embed | None = None
+    ) -> None:
+        self._embed = embed
+        self._compare = compare
+        self._prepare = prepare
+        self._lengths: dict[torch.Size, int] = {}
+
+    def embed(self, views: Tensor) -> Tensor:
+        return self._embed(views).float()
+
+    def entries(self, embedding: Tensor) -> Tensor:
+        if self._prepare is None:
+            return embedding
+        return self._prepare(embedding.unsqueeze(1)).squeeze(1)
+
+    def compare(self, embedding: Tensor, memory: Tensor) -> Tensor:
+        return self._compare(embedding, memory).float()
+
+    def check(self, embedding: Tensor, similarity: Tensor | None = None) -> None:
+        """Raise ValueError for numbers that would silently count as novel."""
+        # A sum is not finite if any of its numbers is not.
+        if not bool(embedding.sum().isfinite()):
+            broken = int((~embedding.isfinite()).any(-1).sum())
+            raise ValueError(
+                "embed must return finite numbers, got NaN or infinity for "
+                f"{broken} of {len(embedding)} views"
+            )
+        if similarity is None:
+            return
+        low, high = (float(end) for end in similarity.aminmax())
+        # A comparison with NaN is false.
+        if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
+            raise ValueError(
+                "compare must return similarities in [0, 1], got "
+                f"{low:.3g} to {high:.3g}"
+            )
+
+    @torch.no_grad()
+    def embedding_length(self, views: TensorSpec) -> int:
+        """D, and ValueError if a callable returns a wrong shape for one view."""
+        if views.shape not in self._lengths:
+            length = embedding_length(self._embed, views)
+            embedding = self.embed(_one_of(views))
+            similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
+            if similarity.shape != (1, 1):
+                raise ValueError(
+                    f"compare must return [N, M], got {list(similarity.shape)} for "
+                    "N = 1 and M = 1"
+                )
+            self._lengths[views.shape] = length
+        return self._lengths[views.shape]
+
+
+@torch.no_grad()
+def embedding_length(embed: Embed, views: TensorSpec) -> int:
+    """D, and ValueError if ``embed`` returns a wrong shape for one view."""
+    embedding = embed(_one_of(views))
+    if embedding.ndim != 2 or len(embedding) != 1:
+        raise ValueError(
+            f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
+        )
+    return embedding.shape[-1]
+
+
+def _one_of(views: TensorSpec) -> Tensor:
+    """One black view ``[1, H, W, C]``."""
+    one: Tensor = views.zero().reshape(-1, *views.shape[-3:])[:1]
+    return one

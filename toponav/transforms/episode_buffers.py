@@ -40,12 +40,7 @@ def restarting_rows(
 
 
 def grow_slots(buffer: Tensor, num_slots: int, capacity: int | None = None) -> Tensor:
-    """``buffer`` ``[N, A, ...]`` with room for ``num_slots`` per env, at least doubled.
-
-    Examples:
-        >>> grow_slots(torch.ones(1, 5), 6)
-        tensor([[1., 1., 1., 1., 1., 0., 0., 0., 0., 0.]])
-    """
+    """``buffer [N, A, ...]`` with room for ``num_slots`` per env, at least doubled."""
     slots = buffer.shape[1]
     if num_slots <= slots:
         return buffer

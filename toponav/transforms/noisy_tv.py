@@ -21,26 +21,23 @@ NoiseLaw = Callable[[tuple[int, ...], torch.Generator], Tensor]
 QUADRANTS: tuple[str, ...] = get_args(Quadrant)
 
 
-def uniform_noise(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-    """Draw every intensity 0..255 equally often: the paper's law."""
+def _uniform(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
     return torch.randint(256, shape, generator=generator, dtype=torch.uint8)
 
 
-def binary_noise(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-    """Draw 0 and 255 equally often."""
+def _binary(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
     return 255 * torch.randint(2, shape, generator=generator, dtype=torch.uint8)
 
 
-def normal_noise(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-    """Draw around 127.5 with a standard deviation of 50, cut at 0 and 255."""
+def _normal(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
     noise = torch.randn(shape, generator=generator) * 50 + 127.5
     return noise.round_().clamp_(0, 255).to(torch.uint8)
 
 
 NOISE_LAWS: Mapping[str, NoiseLaw] = {
-    "binary": binary_noise,
-    "normal": normal_noise,
-    "uniform": uniform_noise,
+    "binary": _binary,
+    "normal": _normal,
+    "uniform": _uniform,
 }
 
 
@@ -63,7 +60,8 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
         quadrant: where the noise is, or ``None`` to draw it in each episode.
         scale: ``"quadrant"`` enlarges the noise until it fills the quadrant,
             ``"native"`` shows it pixel for pixel in its middle.
-        law: ``"uniform"``, ``"binary"``, ``"normal"`` or a `NoiseLaw`.
+        law: ``"uniform"`` in 0..255 (the paper's), ``"binary"`` (0 or 255),
+            ``"normal"`` (127.5, standard deviation 50, cut), or a `NoiseLaw`.
         channels: ``"HWC"``, or ``"CHW"`` for views with the channels first.
         seed: of noise and quadrants; ``None`` takes one from the operating system.
 
@@ -93,14 +91,12 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     ) -> None:
         if size < 1:
             raise ValueError(f"size must be at least 1, got {size}")
-        choices: dict[str, tuple[str | None, tuple[str | None, ...]]] = {
-            "quadrant": (quadrant, (None, *QUADRANTS)),
-            "scale": (scale, get_args(Scale)),
-            "channels": (channels, get_args(ChannelOrder)),
-        }
-        if isinstance(law, str):
-            choices["law"] = (law, tuple(NOISE_LAWS))
-        for name, (given, known) in choices.items():
+        for name, given, known in (
+            ("quadrant", quadrant, (None, *QUADRANTS)),
+            ("scale", scale, get_args(Scale)),
+            ("law", law, tuple(NOISE_LAWS) if isinstance(law, str) else (law,)),
+            ("channels", channels, get_args(ChannelOrder)),
+        ):
             if given not in known:
                 raise ValueError(f"{name} must be one of {known}, got {given!r}")
         in_keys = in_keys or [PIXELS]

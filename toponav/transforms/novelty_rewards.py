@@ -20,11 +20,11 @@ from toponav.keys import (
     TEMPORAL_DISTANCE_REWARD,
     VISITS,
 )
-from toponav.transforms.specs import KeyedTransform, Keys, find_spec
+from toponav.transforms.specs import KeyedTransform, Keys
 
-#: How the two rewards make one. The equation adds them, while the text pays the first
-#: if the view is mapped to a waypoint and the second if not. ``"exclusive"`` is the
-#: text; ``"sum"``, the equation by the letter, pays at least beta in every decision.
+#: When each reward pays. The text pays the first if the view is mapped to a waypoint,
+#: else the second: ``"exclusive"``. ``"sum"`` is the equation by the letter, which pays
+#: at least beta in every decision.
 Combine = Literal["exclusive", "sum"]
 
 
@@ -56,22 +56,6 @@ def temporal_distance_reward(
     return beta / similarity.clamp(min=floor)
 
 
-def combine_rewards(
-    count: Tensor, temporal_distance: Tensor, is_new: Tensor, how: Combine = "exclusive"
-) -> Tensor:
-    """One reward out of both (eq. 8); ``is_new``, bool, is what pays as a new place.
-
-    Examples:
-        >>> count, distance = torch.tensor([0.2, 0.2]), torch.tensor([1.6, 0.9])
-        >>> combine_rewards(count, distance, torch.tensor([True, False]))
-        tensor([1.6000, 0.2000])
-    """
-    _check_combine(how)
-    if how == "sum":
-        return count + temporal_distance
-    return torch.where(is_new, temporal_distance, count)
-
-
 def _check_combine(combine: str) -> None:
     if combine not in get_args(Combine):
         raise ValueError(f"combine must be one of {get_args(Combine)}, got {combine!r}")
@@ -80,11 +64,6 @@ def _check_combine(combine: str) -> None:
 class _NoveltyReward(KeyedTransform):
     #: The reward, of the entries of ``in_keys``.
     _pay: Callable[..., Tensor]
-
-    def __init__(self, combine: Combine, in_keys: Keys, out_keys: Keys) -> None:
-        _check_combine(combine)
-        super().__init__(in_keys, out_keys)
-        self.combine = combine
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         entries = (next_tensordict[key] for key in self.in_keys)
@@ -97,12 +76,16 @@ class _NoveltyReward(KeyedTransform):
         # Asking `parent` for specs would compute those of all earlier transforms again.
         output_spec = output_spec.clone()
         rewards = output_spec["full_reward_spec"]
-        observations = output_spec["full_observation_spec"]
-        for key in reversed(self.in_keys):  # Last the one whose shape is the reward's.
-            specs = rewards if key in rewards.keys(True) else observations
-            part = find_spec(specs, key, kind="an observation or a reward")
-        paid = Unbounded(part.shape, part.device, torch.float32)
-        rewards[self.out_keys[0]] = paid
+        known = dict(rewards.items(True, True))
+        known |= output_spec["full_observation_spec"].items(True, True)
+        for key in self.in_keys:
+            if key not in known:
+                raise ValueError(
+                    f"{key!r} must be an observation or a reward of the env, "
+                    f"got {list(known)}"
+                )
+        like = known[self.in_keys[0]]
+        rewards[self.out_keys[0]] = Unbounded(like.shape, like.device, torch.float32)
         return output_spec
 
 
@@ -131,7 +114,9 @@ class CountReward(_NoveltyReward):
         out_keys: Keys = None,
     ) -> None:
         count_reward(torch.zeros(0, dtype=torch.int64), alpha)
-        super().__init__(combine, in_keys, out_keys)
+        _check_combine(combine)
+        super().__init__(in_keys, out_keys)
+        self.combine = combine
         self.alpha = alpha
 
     def _pay(self, visits: Tensor, is_new: Tensor) -> Tensor:
@@ -168,7 +153,9 @@ class TemporalDistanceReward(_NoveltyReward):
         out_keys: Keys = None,
     ) -> None:
         temporal_distance_reward(torch.zeros(0), beta, floor=floor)
-        super().__init__(combine, in_keys, out_keys)
+        _check_combine(combine)
+        super().__init__(in_keys, out_keys)
+        self.combine = combine
         self.beta = beta
         self.floor = floor
 
@@ -181,45 +168,21 @@ class IntrinsicReward(_NoveltyReward):
     """What an explorer learns from: count plus temporal-distance reward (eq. 8).
 
     Args:
-        combine: ``"exclusive"`` or ``"sum"``, see `Combine`; that of both parts.
-        in_keys: keys of the two rewards, float32 ``[*B, 1]``, and of what pays as a new
-            place, bool ``[*B, 1]``.
+        in_keys: keys of the two rewards, float32 ``[*B, 1]``.
         out_keys: key of the reward, float32 ``[*B, 1]``.
 
     Examples:
         >>> from tensordict import TensorDict
         >>> parts = {"count_reward": torch.tensor([[0.1], [0.0]])}
         >>> parts["temporal_distance_reward"] = torch.tensor([[0.0], [1.6]])
-        >>> parts["is_new_waypoint"] = torch.tensor([[False], [True]])
         >>> IntrinsicReward()(TensorDict(parts, [2]))["intrinsic_reward"].squeeze(-1)
         tensor([0.1000, 1.6000])
     """
 
-    default_keys = (
-        [COUNT_REWARD, TEMPORAL_DISTANCE_REWARD, IS_NEW_WAYPOINT],
-        [INTRINSIC_REWARD],
-    )
+    default_keys = [COUNT_REWARD, TEMPORAL_DISTANCE_REWARD], [INTRINSIC_REWARD]
 
-    def __init__(
-        self,
-        combine: Combine = "exclusive",
-        *,
-        in_keys: Keys = None,
-        out_keys: Keys = None,
-    ) -> None:
-        super().__init__(combine, in_keys, out_keys)
+    def __init__(self, *, in_keys: Keys = None, out_keys: Keys = None) -> None:
+        super().__init__(in_keys, out_keys)
 
-    def _pay(self, count: Tensor, temporal_distance: Tensor, is_new: Tensor) -> Tensor:
-        return combine_rewards(count, temporal_distance, is_new, self.combine)
-
-    def transform_output_spec(self, output_spec: Composite) -> Composite:
-        for part in getattr(self.parent, "transform", ()) or ():
-            is_part = (
-                isinstance(part, _NoveltyReward) and part.out_keys[0] in self.in_keys
-            )
-            if is_part and part.combine != self.combine:
-                raise ValueError(
-                    f"combine must be that of {type(part).__name__}, "
-                    f"{part.combine!r}, got {self.combine!r}"
-                )
-        return super().transform_output_spec(output_spec)
+    def _pay(self, count: Tensor, temporal_distance: Tensor) -> Tensor:
+        return count + temporal_distance

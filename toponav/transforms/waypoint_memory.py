@@ -18,12 +18,15 @@ from toponav.keys import (
     VISITS,
     WAYPOINT,
 )
+from toponav.transforms.embed_views import Compare, Embed, ViewSimilarity
 from toponav.transforms.episode_buffers import restarting_rows
 from toponav.transforms.specs import KeyedTransform, Keys, find_views
-from toponav.transforms.view_similarity import Compare, Embed, ViewSimilarity
 from toponav.transforms.waypoint_slots import CountOn, WaypointSlots
 
-#: Decisions from one reading of numbers to the next where it waits for a device.
+_OUT_KEYS = [EMBEDDING, WAYPOINT, SIMILARITY, NOVEL, IS_NEW_WAYPOINT]
+_OUT_KEYS += [VISITS, NUM_WAYPOINTS]
+#: Decisions from one reading of numbers to the next where it waits for the device: as
+#: many slots are compared as the fullest env had waypoints then.
 _READ_EVERY = 16
 
 
@@ -37,9 +40,6 @@ class WaypointMemory(KeyedTransform):
 
     The callables stay their owner's: neither moved nor saved, to be in ``eval()`` mode.
     All envs are one batch for them, ``N = prod(B)``. The memory is in ``state_dict()``.
-    As many slots are compared as the fullest env has waypoints, a number that is read
-    in each decision on the CPU and every 16 elsewhere, where reading waits for the
-    device.
 
     Reference:
         The paper, "Formulate reward function", Fig. 5 and eq. 6.
@@ -49,7 +49,7 @@ class WaypointMemory(KeyedTransform):
         compare: ``[N, D]`` and memory ``[N, M, P]`` to similarities ``[N, M]``, 0 to 1.
         prepare: embeddings ``[N, M, D]`` to entries ``[N, M, P]``; by default the same.
         capacity: the most waypoints of an episode.
-        threshold: in [0, 1); may be changed at any time.
+        threshold: in [0, 1); a view is mapped if its similarity is above it.
         persistence: for how many decisions in a row views must have been novel.
         min_gap: least number of decisions from one new waypoint to the next.
         count_on: ``"every"`` decision at a waypoint is a visit (the paper's), or only
@@ -72,18 +72,7 @@ class WaypointMemory(KeyedTransform):
         [0, 1, 1]
     """
 
-    default_keys = (
-        [PIXELS],
-        [
-            EMBEDDING,
-            WAYPOINT,
-            SIMILARITY,
-            NOVEL,
-            IS_NEW_WAYPOINT,
-            VISITS,
-            NUM_WAYPOINTS,
-        ],
-    )
+    default_keys = [PIXELS], _OUT_KEYS
 
     def __init__(
         self,
@@ -102,7 +91,7 @@ class WaypointMemory(KeyedTransform):
     ) -> None:
         super().__init__(in_keys, out_keys)
         self.similarity = ViewSimilarity(embed, compare, prepare)
-        self.threshold = threshold
+        self._set_threshold(threshold)
         self.slots = WaypointSlots(
             capacity=capacity,
             persistence=persistence,
@@ -119,16 +108,10 @@ class WaypointMemory(KeyedTransform):
         copied.slots = deepcopy(self.slots)
         return copied
 
-    @property
-    def threshold(self) -> float:
-        """A view is mapped if its similarity is above it."""
-        return self._threshold
-
-    @threshold.setter
-    def threshold(self, threshold: float) -> None:
+    def _set_threshold(self, threshold: float) -> None:
         if not 0 <= threshold < 1:
             raise ValueError(f"threshold must be in [0, 1), got {threshold}")
-        self._threshold = float(threshold)
+        self.threshold = float(threshold)
 
     def get_extra_state(self) -> dict[str, float]:
         return {"threshold": self.threshold}
@@ -145,7 +128,7 @@ class WaypointMemory(KeyedTransform):
         if not self.slots.keep_images:
             raise ValueError("keep_images must be True to refresh, got False")
         if threshold is not None:
-            self.threshold = threshold
+            self._set_threshold(threshold)
         self.slots.read_num_used()
         envs, slot = self.slots.live.nonzero(as_tuple=True)
         if len(envs):

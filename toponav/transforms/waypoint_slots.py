@@ -105,7 +105,13 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         self._make_room(min(self.num_used + 1, self.capacity))
         # Modules look attributes up slowly, and half of this is such overhead.
         num, last_waypoint, counts = self.num_waypoints, self.last_waypoint, self.counts
-        is_new = self._is_new(novel, num)
+        novel_streak, since_new = self.novel_streak, self.since_new
+        novel_streak.add_(1).mul_(novel)
+        since_new.add_(1)
+        is_new = novel & (novel_streak >= self.persistence)
+        is_new &= (since_new >= self.min_gap) & (num < self.capacity)
+        novel_streak.mul_(~is_new)
+        since_new.mul_(~is_new)
         visited = mapped = ~novel
         if self.count_on == "entry":
             visited = mapped & (nearest != last_waypoint)
@@ -119,21 +125,6 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         torch.where(mapped, slot, last_waypoint, out=last_waypoint)
         self.num_used = min(self.num_used + 1, self.capacity)
         return torch.where(mapped, slot, -1), is_new, count * (is_new | visited)
-
-    def _is_new(self, novel: Tensor, num_waypoints: Tensor) -> Tensor:
-        novel_streak, since_new = self.novel_streak, self.since_new
-        novel_streak.add_(1).mul_(novel)
-        since_new.add_(1)
-        is_new = (
-            novel
-            & (novel_streak >= self.persistence)
-            & (since_new >= self.min_gap)
-            & (num_waypoints < self.capacity)
-        )
-        others = ~is_new
-        novel_streak.mul_(others)
-        since_new.mul_(others)
-        return is_new
 
     def store(
         self,

@@ -77,10 +77,11 @@ class WaypointTruth(ResizableBuffers, KeyedTransform):
         return self._judge(tensordict_reset, rows)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        rows = torch.ones_like(self.num_waypoints, dtype=torch.bool)
-        return self._judge(next_tensordict, rows)
+        return self._judge(next_tensordict)
 
-    def _judge(self, tensordict: TensorDictBase, rows: Tensor) -> TensorDictBase:
+    def _judge(
+        self, tensordict: TensorDictBase, rows: Tensor | bool = True
+    ) -> TensorDictBase:
         position, heading, flag = (tensordict[key] for key in self.in_keys)
         pose = torch.cat([position, heading], -1).reshape(-1, 3)
         is_new = flag.reshape(-1) & rows

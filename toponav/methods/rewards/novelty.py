@@ -120,7 +120,7 @@ class NoveltyMethod(RewardMethod):
                 floor=config.floor,
                 combine=combine,  # type: ignore[arg-type]
             ),
-            IntrinsicReward(combine),  # type: ignore[arg-type]
+            IntrinsicReward(),
         ]
         if self.motion is not None:
             distance = _SPURIOUS_CELLS * self.motion.cell_size
