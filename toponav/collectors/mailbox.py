@@ -44,6 +44,7 @@ class Mailbox:
         *,
         versions: Mapping[str, int] | None = None,
     ) -> None:
+        self.names = tuple(modules)
         self._slots: dict[str, TensorDict] = {}
         self._stamps: dict[str, Tensor] = {}
         for name, module in modules.items():
@@ -51,10 +52,6 @@ class Mailbox:
             self._slots[name] = TensorDict(tensors).clone().share_memory_()
             stamp = torch.tensor(2 * (versions or {}).get(name, 0))
             self._stamps[name] = stamp.share_memory_()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(self._slots)
 
     def version(self, name: str) -> int:
         """Number of the newest complete publication."""
@@ -95,7 +92,7 @@ class Mailbox:
 
     def _matching(self, name: str, module: Weights) -> Mapping[str, Tensor]:
         if name not in self._slots:
-            known = ", ".join(self._slots)
+            known = ", ".join(self.names)
             raise MailboxError(f"name must be one of {known}, got '{name}'")
         tensors = tensors_of(module)
         held = {key: list(slot.shape) for key, slot in self._slots[name].items()}

@@ -8,6 +8,5 @@ from toponav.data.episode_sampler import (
 )
 from toponav.data.episodes import Episodes as Episodes, find_episodes as find_episodes
 from toponav.data.held_out import HeldOut as HeldOut, PairSet as PairSet
-from toponav.data.l_pairs import LPairs as LPairs
+from toponav.data.pair_rules import LPairs as LPairs, TCPairs as TCPairs
 from toponav.data.pair_sources import DrawnPairs as DrawnPairs, MinedPairs as MinedPairs
-from toponav.data.tc_pairs import TCPairs as TCPairs

@@ -71,9 +71,7 @@ class HeldOut:
         self, pairs: PairSet
     ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
         """The ground truth: both positions ``[P, 2]``, both headings ``[P]``."""
-        position = self.frames.get(POSITION)
-        heading = self.frames.get(HEADING).squeeze(-1)
-        return (
-            (position[pairs.first], position[pairs.second]),
-            (heading[pairs.first], heading[pairs.second]),
-        )
+        rows = torch.stack([pairs.first, pairs.second])
+        here, there = self.frames.get(POSITION)[rows]
+        heading, other = self.frames.get(HEADING).squeeze(-1)[rows]
+        return (here, there), (heading, other)

@@ -11,8 +11,7 @@ from torchrl.data.replay_buffers import Storage
 
 from toponav.data.chunks import Chunks
 from toponav.data.episode_sampler import EpisodeSampler, SplitPairs
-from toponav.data.l_pairs import LPairs
-from toponav.data.tc_pairs import TCPairs
+from toponav.data.pair_rules import LPairs, TCPairs
 from toponav.keys import EMBEDDING, LABEL, NETWORK_PIXELS, WEIGHT
 
 #: Views ``[N, H, W, 3]`` to embeddings ``[N, D]``.
@@ -78,6 +77,7 @@ class MinedPairs:
         return torch.cat(tc_pairs), keep_some(l_pairs, self.max_pairs, self.generator)
 
 
+@dataclass
 class DrawnPairs:
     """Pairs drawn one by one, as in the paper: every pair has two views of its own.
 
@@ -85,27 +85,25 @@ class DrawnPairs:
     L-network. The other arguments are those of `MinedPairs`.
     """
 
-    def __init__(
-        self,
-        storage: Storage,
-        num_pairs: int,
-        *,
-        tc_pairs: TCPairs,
-        l_pairs: LPairs,
-        generator: torch.Generator | None = None,
-        device: torch.device | str = "cpu",
-    ) -> None:
+    storage: Storage
+    num_pairs: int
+    _: KW_ONLY
+    tc_pairs: TCPairs
+    l_pairs: LPairs
+    generator: torch.Generator | None = None
+    device: torch.device | str = "cpu"
+
+    def __post_init__(self) -> None:
         self.buffers = [
             TensorDictReplayBuffer(
-                storage=storage,
+                storage=self.storage,
                 sampler=EpisodeSampler(rule),
-                batch_size=num_pairs,
+                batch_size=self.num_pairs,
                 transform=SplitPairs(),
-                generator=generator,
+                generator=self.generator,
             )
-            for rule in (tc_pairs, l_pairs)
+            for rule in (self.tc_pairs, self.l_pairs)
         ]
-        self.device = device
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         """Pairs of views for the TC-network and for the L-network."""

@@ -58,12 +58,11 @@ class Coverage(ResizableBuffers, KeyedTransform):
         super().__init__(in_keys, out_keys)
         self.num_columns = open_mask.shape[1]
         slots = [row * self.num_columns + column for row, column in slot_cells]
-        constants = {
+        for name, values in {
             "open_cells": open_mask.flatten().clone(),
             "slot_indices": torch.tensor(slots, dtype=torch.int64),
             "levels": torch.tensor(tuple(levels), dtype=torch.float64),
-        }
-        for name, values in constants.items():
+        }.items():
             self.register_buffer(name, values, persistent=False)
         # One row per env, [*B, cells], [*B] and [*B, L]; B comes with a reset.
         self.register_buffer("visited", torch.empty(0, dtype=torch.bool))

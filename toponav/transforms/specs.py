@@ -102,11 +102,10 @@ def find_views(
         raise ValueError(f"{key!r} must be images, got {shape}")
     here, there = (-3, -1) if channels_first else (-1, -3)
     if shape[here] not in _CHANNELS and shape[there] in _CHANNELS:
-        wanted, dims = "[*B, H, W, C]", "(-2, -1, -3)"
-        if channels_first:
-            wanted, dims = "[*B, C, H, W]", "(-1, -3, -2)"
+        order = "C, H, W" if channels_first else "H, W, C"
+        dims = (-1, -3, -2) if channels_first else (-2, -1, -3)
         raise ValueError(
-            f"{key!r} must be {wanted}, got {shape}; put TorchRL's "
+            f"{key!r} must be [*B, {order}], got {shape}; put TorchRL's "
             f"PermuteTransform({dims}) before this transform"
         )
     return spec

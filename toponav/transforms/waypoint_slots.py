@@ -17,13 +17,6 @@ class WaypointSlots(ResizableBuffers, nn.Module):
 
     Knows neither views nor networks. All envs are one batch of N; each has A slots, of
     which L are in use somewhere. The arguments are those of `WaypointMemory`.
-
-    Examples:
-        >>> slots = WaypointSlots()
-        >>> slots.resize(1, torch.device("cpu"))
-        >>> slots.restart(torch.tensor([0]))
-        >>> slots.decide(novel=torch.tensor([True]), nearest=torch.tensor([0]))
-        (tensor([1]), tensor([True]), tensor([1]))
     """
 
     memory: Tensor
@@ -37,21 +30,19 @@ class WaypointSlots(ResizableBuffers, nn.Module):
     def __init__(
         self,
         *,
-        capacity: int = 200,
-        persistence: int = 1,
-        min_gap: int = 1,
-        count_on: CountOn = "every",
-        keep_images: bool = False,
+        capacity: int,
+        persistence: int,
+        min_gap: int,
+        count_on: CountOn,
+        keep_images: bool,
     ) -> None:
         super().__init__()
         minima = {"capacity": capacity, "persistence": persistence, "min_gap": min_gap}
         for name, value in minima.items():
             if value < 1:
                 raise ValueError(f"{name} must be at least 1, got {value}")
-        if count_on not in get_args(CountOn):
-            raise ValueError(
-                f"count_on must be one of {get_args(CountOn)}, got {count_on!r}"
-            )
+        if count_on not in (choices := get_args(CountOn)):
+            raise ValueError(f"count_on must be one of {choices}, got {count_on!r}")
         self.capacity = capacity
         self.persistence = persistence
         self.min_gap = min_gap
@@ -99,8 +90,7 @@ class WaypointSlots(ResizableBuffers, nn.Module):
     def decide(self, novel: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Count a visit of slot ``nearest``, or of a new waypoint if ``novel``.
 
-        Returns:
-            ``waypoint``, ``is_new_waypoint`` and ``visits`` as in the keys, ``[N]``.
+        ``waypoint``, ``is_new_waypoint`` and ``visits`` as in the keys, ``[N]``.
         """
         self._make_room(min(self.num_used + 1, self.capacity))
         # Modules look attributes up slowly, and half of this is such overhead.
