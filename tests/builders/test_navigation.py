@@ -72,7 +72,7 @@ def test_goals_have_pictures_of_their_own_cells(folder, explored):
     cells = [list(cell) for cell in truth.layout.cells if cell != (2, 3)]
     assert places.cells.tolist() == cells
     assert places.num_without == 0
-    images = knowledge.map.images
+    images = knowledge.map.waypoints.images
     assert places.views.shape == (7, 4, *images.shape[1:])
     # Waypoints come in the order of the cells, four directions each, and the slot's
     # cell, which has no goal, is the fifth.

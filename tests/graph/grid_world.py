@@ -33,14 +33,6 @@ class GridMap:
         self.edges = ((away == 1).triu()).nonzero()
         self.edge_cost = torch.ones(len(self.edges))
         self.version = 0
-        self._beside = (away <= 1).float()
-
-    def neighbourhood(self, node: int, hops: int) -> Tensor:
-        reach = torch.zeros(self.num_waypoints)
-        reach[node] = 1.0
-        for _ in range(hops):
-            reach = (self._beside @ reach).clamp(max=1)
-        return reach.nonzero().flatten()
 
     def number(self, cell: tuple[int, int]) -> int:
         return int((self.cells == torch.tensor(cell)).all(1).nonzero()[0])

@@ -13,24 +13,28 @@ from toponav.graph import (
 
 def walks(num=6, length=400):
     generator = torch.Generator().manual_seed(3)
-    return [torch.randn(length, 2, generator=generator).cumsum(0) for _ in range(num)]
+    places = [torch.randn(length, 2, generator=generator) for _ in range(num)]
+    return [WalkWaypoints(steps.cumsum(0), Nearness()) for steps in places]
+
+
+def alike(network):
+    """The walk whose similarities a network looks up."""
+    return WalkWaypoints(network.sequence, network)
 
 
 @pytest.mark.parametrize("share", [0.015, 0.125, 0.5])
 def test_share_is_met_and_reported_truly(share):
     sequences = walks()
-    found = calibrate_share(sequences, Nearness(), target_share=share)
+    found = calibrate_share(sequences, target_share=share)
     assert found.achieved == pytest.approx(share, rel=0.15)
-    again = [
-        WalkWaypoints(walk, Nearness()).share(found.threshold) for walk in sequences
-    ]
+    again = [walk.share(found.threshold) for walk in sequences]
     assert found.per_sequence == tuple(again)
     assert found.achieved == pytest.approx(sum(again) / len(again))
 
 
 def test_rules_ask_for_the_shares_they_state():
     tc, reward = (
-        calibrate_share(walks(), Nearness(), target_share=share)
+        calibrate_share(walks(), target_share=share)
         for share in (MAP_SHARE, REWARD_SHARE)
     )
     assert (tc.target, reward.target) == (0.125, 0.015)
@@ -38,16 +42,17 @@ def test_rules_ask_for_the_shares_they_state():
 
 
 def test_order_of_the_sequences_is_of_no_matter():
-    one = calibrate_share(walks(), Nearness(), target_share=MAP_SHARE)
-    two = calibrate_share(walks()[::-1], Nearness(), target_share=MAP_SHARE)
+    one = calibrate_share(walks(), target_share=MAP_SHARE)
+    two = calibrate_share(walks()[::-1], target_share=MAP_SHARE)
     assert one.threshold == two.threshold
 
 
 def test_monotone_change_of_the_similarity_changes_nothing_but_the_number():
-    at = walks(1)[0]
+    generator = torch.Generator().manual_seed(3)
+    at = torch.randn(400, 2, generator=generator).cumsum(0)
     plain = 1 / (1 + torch.cdist(at, at))
     found = [
-        calibrate_share([network.sequence], network, target_share=MAP_SHARE)
+        calibrate_share([alike(network)], target_share=MAP_SHARE)
         for network in (Lookup(plain), Lookup(plain**3))
     ]
     assert found[0].achieved == pytest.approx(0.125, abs=0.01)
@@ -57,7 +62,7 @@ def test_monotone_change_of_the_similarity_changes_nothing_but_the_number():
 
 def test_network_that_says_the_same_to_all_gets_the_closest_share():
     network = Lookup(torch.full((40, 40), 0.3))
-    found = calibrate_share([network.sequence], network, target_share=MAP_SHARE)
+    found = calibrate_share([alike(network)], target_share=MAP_SHARE)
     # One waypoint of 40 is closer to an eighth than 40 of 40.
     assert found.achieved == 1 / 40
     assert found.threshold < 0.3
@@ -70,9 +75,7 @@ def test_reach_lets_nine_in_ten_near_pairs_pass():
     later = torch.arange(1, 101)
     table[later, later - 1] = 0.5 + later / 250
     network = Lookup(table)
-    found = calibrate_reach(
-        [network.sequence], network, tc_threshold=0.95, max_action_distance=1
-    )
+    found = calibrate_reach([alike(network)], tc_threshold=0.95, max_action_distance=1)
     assert 0.5 + 10 / 250 <= found.threshold < 0.5 + 11 / 250
     assert found.achieved == pytest.approx(0.9)
 
@@ -84,27 +87,27 @@ def test_reach_lets_nine_in_ten_near_pairs_pass():
 )
 def test_reach_stays_between_a_half_and_the_threshold(level, expected):
     network = Lookup(torch.full((30, 30), level))
-    found = calibrate_reach([network.sequence], network, tc_threshold=0.9)
+    found = calibrate_reach([alike(network)], tc_threshold=0.9)
     assert found.threshold == pytest.approx(expected)
     assert found.achieved == float(level > expected)
 
 
 def test_reach_of_a_useless_network_is_its_threshold():
     network = Lookup(torch.full((30, 30), 0.3))
-    found = calibrate_reach([network.sequence], network, tc_threshold=0.4)
+    found = calibrate_reach([alike(network)], tc_threshold=0.4)
     assert found.threshold == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0, -1.0])
 def test_share_must_be_possible(share):
     with pytest.raises(ValueError, match=r"target_share must lie in \(0, 1\)"):
-        calibrate_share(walks(1, 5), Nearness(), target_share=share)
+        calibrate_share(walks(1, 5), target_share=share)
 
 
 def test_there_must_be_sequences_and_pairs():
     with pytest.raises(ValueError, match="must hold at least one"):
-        calibrate_share([], Nearness(), target_share=MAP_SHARE)
+        calibrate_share([], target_share=MAP_SHARE)
     with pytest.raises(ValueError, match="must hold two observations"):
-        calibrate_reach([torch.zeros(1, 2)], Nearness(), tc_threshold=0.9)
+        calibrate_reach(walks(1, 1), tc_threshold=0.9)
     with pytest.raises(ValueError, match="pass_rate must lie in"):
-        calibrate_reach(walks(1, 5), Nearness(), tc_threshold=0.9, pass_rate=1.0)
+        calibrate_reach(walks(1, 5), tc_threshold=0.9, pass_rate=1.0)

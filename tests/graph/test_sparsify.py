@@ -22,10 +22,10 @@ def test_neighbours_that_agree_about_their_neighbours_become_one() -> None:
     assert sparsify(topological_map, tolerance=0.05).tolist() == [0, 0, 1]
     assert topological_map.edges.tolist() == [[0, 1]]
     assert topological_map.embeddings.flatten().tolist() == pytest.approx([0.0, 0.2])
-    assert topological_map.images[:, 0, 0, 0].tolist() == [0, 20]
-    assert topological_map.origins.tolist() == [[0, 0], [0, 2]]
+    assert topological_map.waypoints.images[:, 0, 0, 0].tolist() == [0, 20]
+    assert topological_map.waypoints.origins.tolist() == [[0, 0], [0, 2]]
     # What walked on from 4 to 20 now counts for 0: it was not walked before.
-    assert topological_map.traversals.tolist() == [[1, 0]]
+    assert topological_map.graph.traversals.tolist() == [[1, 0]]
 
 
 def test_those_that_disagree_stay() -> None:

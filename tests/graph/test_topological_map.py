@@ -31,7 +31,7 @@ def edges_of(topological_map):
     """Edges and traversals as plain lists."""
     edges = [tuple(pair) for pair in topological_map.edges.tolist()]
     return edges, dict(
-        zip(edges, topological_map.traversals.sum(1).tolist(), strict=True)
+        zip(edges, topological_map.graph.traversals.sum(1).tolist(), strict=True)
     )
 
 
@@ -53,11 +53,11 @@ def test_the_first_episode_is_simplified_by_elimination() -> None:
     )
     # 0 and 20 reach each other (0.8 > 0.75) and were walked; the others only walked.
     assert topological_map.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
-    assert topological_map.edge_similarity[0].item() == pytest.approx(0.8)
-    assert topological_map.edge_similarity[1:].isnan().all()
+    assert topological_map.graph.edge_similarity[0].item() == pytest.approx(0.8)
+    assert topological_map.graph.edge_similarity[1:].isnan().all()
     # From 60 back to 0, and from 0 to 20 to 60.
     assert topological_map.edge_cost.tolist() == [[1, 3], [3, 1], [1, 3]]
-    assert topological_map.origins.tolist() == [[0, 0], [0, 2], [0, 4]]
+    assert topological_map.waypoints.origins.tolist() == [[0, 0], [0, 2], [0, 4]]
 
 
 def test_an_edge_that_was_only_seen_is_dearer() -> None:
@@ -158,7 +158,12 @@ def test_each_environment_goes_on_where_it_was() -> None:
     assert topological_map.extend(torch.stack([first[:2], second[:2]])) == 2
     assert topological_map.extend(torch.stack([second[2:], first[2:]])) == 2
     assert topological_map.edges.tolist() == [[0, 3], [1, 2]]
-    assert topological_map.origins.tolist() == [[4, 0], [9, 0], [9, 2], [4, 2]]
+    assert topological_map.waypoints.origins.tolist() == [
+        [4, 0],
+        [9, 0],
+        [9, 2],
+        [4, 2],
+    ]
 
 
 def test_nothing_joins_two_episodes_nor_both_sides_of_a_respawn() -> None:
@@ -203,8 +208,8 @@ def test_the_keys_of_a_batch_can_be_others() -> None:
         views="views", embedding=("vision", "code"), env_id="id", done="is_over"
     )
     other.extend(renamed.unsqueeze(0))
-    assert torch.equal(usual.images, other.images)
-    assert torch.equal(usual.origins, other.origins)
+    assert torch.equal(usual.waypoints.images, other.waypoints.images)
+    assert torch.equal(usual.waypoints.origins, other.waypoints.origins)
     assert torch.equal(usual.edges, other.edges)
     with pytest.raises(TypeError, match="unexpected keyword argument 'pixels'"):
         other.set_keys(pixels="views")
@@ -226,7 +231,7 @@ def test_new_networks_judge_edges_and_what_is_unfinished_anew() -> None:
     # 20 and 40 are now 0.6 alike: never walked, dropped. 0 and 20 too, but walked.
     assert topological_map.refresh(1) == 1
     assert edges_of(topological_map)[0] == [(0, 1)]
-    assert topological_map.edge_similarity.tolist() == pytest.approx([0.6])
+    assert topological_map.graph.edge_similarity.tolist() == pytest.approx([0.6])
     assert topological_map.embeddings.flatten().tolist() == pytest.approx(
         [0.0, 0.4, 0.8]
     )

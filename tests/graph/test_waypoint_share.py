@@ -8,7 +8,6 @@ from toponav.graph import (
     MapRules,
     TopologicalMap,
     WalkWaypoints,
-    prepare_walks,
     share_curve,
 )
 
@@ -71,13 +70,15 @@ def test_share_may_fall_when_the_threshold_rises():
     table[1, 0] = 0.6
     table[2:, 1] = 0.9
     network = Lookup(table)
-    shares = share_curve(prepare_walks([network.sequence], network), [0.5, 0.7])
+    walk = WalkWaypoints(network.sequence, network)
+    shares = share_curve([walk], [0.5, 0.7])
     assert shares.tolist() == [[4 / 5, 2 / 5]]
 
 
 def test_extreme_thresholds_keep_all_or_one():
     walk = random_walk(50, 0)
-    shares = share_curve(prepare_walks([walk, walk[:20]], Nearness()), [-0.1, 1.0])
+    walks = [WalkWaypoints(one, Nearness()) for one in (walk, walk[:20])]
+    shares = share_curve(walks, [-0.1, 1.0])
     torch.testing.assert_close(shares, torch.tensor([[0.02, 1], [0.05, 1]]).double())
 
 
@@ -119,7 +120,7 @@ def test_a_map_by_the_papers_rules_keeps_the_same_waypoints():
     data = episode(*greys.tolist())
     topological_map.add_episode(data)
     times = WalkWaypoints(data["embedding"], Greys()).times(0.9)
-    assert topological_map.origins[:, 1].tolist() == times
+    assert topological_map.waypoints.origins[:, 1].tolist() == times
 
 
 def test_order_of_observation_matters_but_naming_does_not():

@@ -56,7 +56,7 @@ def topological(*overrides: str) -> TopologicalConfig:
 
 def look(explored: Explored, waypoint: int, goal: int) -> TensorDict:
     """What an agent reads that sees a waypoint's view, and a goal's."""
-    images = explored[0].map.images
+    images = explored[0].map.waypoints.images
     return TensorDict(
         {
             PIXELS: images[waypoint].unsqueeze(0),
@@ -106,7 +106,7 @@ def test_networks_with_an_encoder_each_get_both_embeddings(tmp_path: Path) -> No
     knowledge = explored[0]
     navigator = make_navigator(topological(), knowledge=knowledge)
     assert navigator.map.embeddings.shape == (32, 16)
-    views = knowledge.map.images[:3]
+    views = knowledge.map.waypoints.images[:3]
     with torch.no_grad():
         both = navigator.embed(views)
         logits = knowledge.networks.locomotion(views, views.flip(0))
@@ -125,7 +125,7 @@ def test_edges_that_were_never_traversed_cost_more(explored) -> None:
     knowledge = explored[0]
     config = topological("navigator.untraversed_edge_cost=7")
     cost = make_navigator(config, knowledge=knowledge).map.edge_cost
-    assert cost.eq(torch.where(knowledge.map.traversals > 0, 1.0, 7.0)).all()
+    assert cost.eq(torch.where(knowledge.map.graph.traversals > 0, 1.0, 7.0)).all()
 
 
 def reachable(start: object) -> list[object]:
@@ -161,7 +161,7 @@ def test_nothing_that_the_navigator_holds_is_ground_truth(explored) -> None:
 
 def test_goals_that_are_like_no_waypoint_are_named(explored):
     cells = torch.tensor([[1, 1], [1, 2]])
-    shape = explored[0].map.images.shape[1:]
+    shape = explored[0].map.waypoints.images.shape[1:]
     places = GoalPlaces(cells, torch.zeros(2, 1, *shape, dtype=torch.uint8))
 
     def warnings(reach: str) -> list[str]:

@@ -5,7 +5,7 @@ import torch
 
 from tests.comparing_networks import Nearness
 from tests.fakes import WORLD
-from toponav.graph import MAP_SHARE, calibrate_share, prepare_walks, share_curve
+from toponav.graph import MAP_SHARE, WalkWaypoints, calibrate_share, share_curve
 from toponav.ground_truth import GroundTruthDistances, pair_truth
 from toponav.metrics import bayes_bound, l_report, tc_report, useful_actions
 from toponav.plotting import ShareCurve, draw_report
@@ -26,18 +26,14 @@ def report():
     action = torch.randint(6, (300,), generator=generator)
     offset = torch.randint(1, 5, (300,), generator=generator)
     logits = torch.randn(300, 6, generator=generator)
-    walk = torch.randn(120, 2, generator=generator).cumsum(0)
+    steps = torch.randn(120, 2, generator=generator)
+    walk = WalkWaypoints(steps.cumsum(0), Nearness())
     thresholds = torch.linspace(0.05, 0.95, 9)
     return (
         tc_report(similarity, label, truth, cell_size=128.0),
         l_report(logits, action, offset, mask),
-        ShareCurve(
-            thresholds,
-            share_curve(
-                prepare_walks([walk, walk + 1], Nearness()), thresholds.tolist()
-            ),
-        ),
-        calibrate_share([walk], Nearness(), target_share=MAP_SHARE),
+        ShareCurve(thresholds, share_curve([walk, walk], thresholds.tolist())),
+        calibrate_share([walk], target_share=MAP_SHARE),
     )
 
 

@@ -63,8 +63,9 @@ def test_each_waypoint_has_the_pose_of_its_view() -> None:
         growth.extend(batch)
     assert growth.map.num_waypoints > 10
     assert len(growth.truth.poses.values) == growth.map.num_waypoints
+    origins = growth.map.waypoints.origins.tolist()
     for (env, number), pose in zip(
-        growth.map.origins.tolist(), growth.truth.poses.values.tolist(), strict=True
+        origins, growth.truth.poses.values.tolist(), strict=True
     ):
         assert pose[:2] == seen[env][number]
 
@@ -73,7 +74,7 @@ def test_only_some_environments_feed_it_if_wanted() -> None:
     config = settings("map.envs=2")
     growth = make_growth(config)
     growth.extend(make_walk(config, envs=(3, 1, 2, 0)))
-    assert set(growth.map.origins[:, 0].tolist()) == {0, 1}
+    assert set(growth.map.waypoints.origins[:, 0].tolist()) == {0, 1}
     before = growth.map.num_waypoints
     growth.extend(make_walk(config, envs=(2, 3)))
     assert growth.map.num_waypoints == before
@@ -149,12 +150,12 @@ def test_new_weights_are_taken_over_and_not_shared() -> None:
     with torch.no_grad():
         for parameter in growth.networks.tc.parameters():
             parameter.add_(0.1)
-    again = growth.map.waypoints.embed(growth.map.images)
+    again = growth.map.waypoints.embed(growth.map.waypoints.images)
     growth.refresh({"networks": 1})
     assert growth.map.network_version == 1
     assert not torch.equal(growth.map.embeddings, before)
     assert not torch.allclose(growth.map.embeddings, again)
-    wanted = growth.networks.tc.embed(growth.map.images[:1])
+    wanted = growth.networks.tc.embed(growth.map.waypoints.images[:1])
     assert torch.allclose(growth.map.embeddings[:1], wanted, atol=1e-5)
 
 
@@ -178,10 +179,10 @@ def test_thresholds_are_calibrated_or_given() -> None:
     world = world_of(settings_).spec
     tc = make_networks(settings_.model, world).tc.eval()
     found = make_map(config, tc, THRESHOLDS, world=world)
-    assert (found.tc_threshold, found.tc_reach) == (0.6, 0.55)
+    assert (found.rules.tc_threshold, found.rules.tc_reach) == (0.6, 0.55)
     # A calibrated reach above the threshold is brought down to it.
     far = THRESHOLDS | {"tc_reach": 0.9}
-    assert make_map(config, tc, far, world=world).tc_reach == 0.6
+    assert make_map(config, tc, far, world=world).rules.tc_reach == 0.6
     with pytest.raises(
         SettingsError, match="have no calibrated tc_threshold, got auto"
     ):

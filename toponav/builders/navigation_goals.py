@@ -54,7 +54,7 @@ def make_goal_places(
     slots = set(truth.layout.slots.values())
     cells = [cell for cell in truth.layout.cells if cell not in slots]
     if config.goals.source == "map":
-        views, poses = knowledge.map.images, np.asarray(truth.poses)
+        views, poses = knowledge.map.waypoints.images, np.asarray(truth.poses)
     else:
         views, poses = _walk_for_views(config, truth, cells)
     chosen = _choose(config, truth, cells, poses)

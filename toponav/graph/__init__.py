@@ -4,8 +4,10 @@ from toponav.graph.calibration import (
     MAP_SHARE as MAP_SHARE,
     REWARD_SHARE as REWARD_SHARE,
     Calibration as Calibration,
+    WalkWaypoints as WalkWaypoints,
     calibrate_reach as calibrate_reach,
     calibrate_share as calibrate_share,
+    share_curve as share_curve,
 )
 from toponav.graph.map_file import (
     MapFileError as MapFileError,
@@ -23,9 +25,4 @@ from toponav.graph.rules import MapRules as MapRules, NavigatorRules as Navigato
 from toponav.graph.sparsify import sparsify as sparsify
 from toponav.graph.topological_map import TopologicalMap as TopologicalMap
 from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph
-from toponav.graph.waypoint_share import (
-    WalkWaypoints as WalkWaypoints,
-    prepare_walks as prepare_walks,
-    share_curve as share_curve,
-)
 from toponav.graph.waypoints import Compare as Compare, Embed as Embed

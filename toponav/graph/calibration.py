@@ -1,32 +1,110 @@
-"""Thresholds of the temporal correlation, measured on sequences of random actions.
+"""Thresholds of the TC-network, measured on sequences of random actions.
 
-Neither function reads ground truth.
+Nothing here reads ground truth.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from toponav.graph.waypoint_share import Comparing, WalkWaypoints, prepare_walks
-
 #: Share of the observations that become waypoints of the map: the paper, Table 1, at
 #: k = 4, the mean over 30 random sequences.
 MAP_SHARE = 0.125
-#: The same of the reward's memory: one waypoint for a place visited. A random walk of
-#: 1800 decisions then leaves 27 waypoints, about as many as it visits cells (40 % of
-#: 63). At the map's share most views beside a waypoint count as new, and each is
-#: rewarded, so that jitter earns more than exploring. In our trials reward followed
-#: coverage from 1.1 to 2.2 %, at thresholds between .5 and .7 of one network and up to
-#: .9 of another: the share carries over, the number does not.
+#: The same of the reward's memory: about one waypoint for a cell visited. At the map's
+#: share most views beside a waypoint count as new, and each is rewarded, so that jitter
+#: earns more than exploring. In our trials reward followed coverage from 1.1 to 2.2 %,
+#: at other thresholds with each network: the share carries over, the number does not.
 REWARD_SHARE = 0.015
 
+#: Observations compared in one call; few, so that what lies between the layers stays in
+#: the processor's cache.
+_CHUNK = 16
 #: Largest logit tried; one more and float32 rounds the probability to 1.
 _WIDEST = 16.0
 _MOST_TRIALS = 24
+
+
+class Comparing(Protocol):
+    """What calibration asks of a network; `TCNetwork` in ``eval()`` provides it."""
+
+    def prepare_memory(self, memory: Tensor) -> Tensor:
+        """``[*B, M, D]`` to ``[*B, M, P]``."""
+
+    def compare_prepared(self, embedding: Tensor, prepared: Tensor) -> Tensor:
+        """``[*B, D]`` and ``[*B, M, P]`` to probabilities ``[*B, M]``."""
+
+
+class WalkWaypoints:
+    """A sequence of observations ``[T, D]``, and which of them become waypoints.
+
+    The paper's first stage of discovery: an observation becomes a waypoint if its
+    similarity to *all* waypoints before it is at most the threshold. By the paper's
+    rules `TopologicalMap` does the same to its first episode; here every observation is
+    compared with all before it, once, and then any threshold takes milliseconds.
+
+    Reference:
+        The paper, "Topological map", eq. 9 and the text before it.
+
+    Examples:
+        >>> class Nearness:
+        ...     def prepare_memory(self, memory):
+        ...         return memory
+        ...     def compare_prepared(self, embedding, prepared):
+        ...         return 1 / (1 + (embedding.unsqueeze(-2) - prepared).abs().sum(-1))
+        >>> line = torch.tensor([[0.0], [1.0], [2.0], [3.0], [0.5]])
+        >>> WalkWaypoints(line, Nearness()).times(0.4)  # up to 1.5 is the same place
+        [0, 2]
+    """
+
+    @torch.no_grad()
+    def __init__(self, embeddings: Tensor, network: Comparing) -> None:
+        if embeddings.ndim != 2 or not len(embeddings):
+            got = tuple(embeddings.shape)
+            raise ValueError(
+                f"a sequence must be embeddings [T, D] with T >= 1, got {got}."
+            )
+        prepared = network.prepare_memory(embeddings)
+        later = torch.full((len(embeddings), len(embeddings)), -1.0)
+        for begin in range(0, len(embeddings), _CHUNK):
+            rows = embeddings[begin : begin + _CHUNK]
+            end = begin + len(rows)
+            memory = prepared[:end].expand(len(rows), -1, -1)
+            found = network.compare_prepared(rows, memory).float().cpu()
+            later[:end, begin:end] = found.T
+        later.masked_fill_(torch.ones_like(later, dtype=torch.bool).tril(), -1.0)
+        #: Similarity of observation s to an earlier t in row t, column s; else -1.
+        self.later = later.numpy()
+        if np.isnan(self.later).any():
+            raise ValueError("similarities must be numbers, got NaN.")
+
+    def times(self, threshold: float) -> list[int]:
+        """Times of the waypoints, in order."""
+        covered = np.zeros(len(self.later), dtype=np.bool_)
+        kept: list[int] = []
+        for time in range(len(covered)):
+            if not covered[time]:
+                kept.append(time)
+                covered |= self.later[time] > threshold
+        return kept
+
+    def share(self, threshold: float) -> float:
+        """Waypoints per observation, as in Table 1."""
+        return len(self.times(threshold)) / len(self.later)
+
+
+def share_curve(walks: Sequence[WalkWaypoints], thresholds: Sequence[float]) -> Tensor:
+    """Share of waypoints of S walks at K thresholds, float64 ``[S, K]``.
+
+    It need not rise with the threshold: an observation that a higher threshold lets in
+    may cover several that came in without it. In practice the mean over walks rises.
+    """
+    shares = [[walk.share(threshold) for threshold in thresholds] for walk in walks]
+    return torch.tensor(shares, dtype=torch.float64)
 
 
 @dataclass(frozen=True)
@@ -40,26 +118,19 @@ class Calibration:
 
 
 def calibrate_share(
-    sequences: Sequence[Tensor | WalkWaypoints],
-    network: Comparing,
-    *,
-    target_share: float,
+    walks: Sequence[WalkWaypoints], *, target_share: float
 ) -> Calibration:
-    """Choose tc_th, the threshold at which random sequences keep a share of waypoints.
+    """Choose tc_th, at which random walks keep a share of waypoints, in (0, 1).
 
     Bisection over logits, to within 2 % of the target: near 1, where the answer lies,
     the share is steep in the probability. The share depends on the length, as longer
     walks come back more often: take complete episodes. A network that cannot give the
     share gets the closest threshold tried: compare ``achieved`` with ``target``.
-
-    Args:
-        sequences: embeddings ``[T, D]`` in the order of observation, or prepared walks.
-        network: compares, see `Comparing`.
-        target_share: waypoints per observation, in (0, 1), such as `MAP_SHARE`.
     """
+    if not walks:
+        raise ValueError("walks must hold at least one, got none.")
     if not 0 < target_share < 1:
         raise ValueError(f"target_share must lie in (0, 1), got {target_share}.")
-    walks = prepare_walks(sequences, network)
 
     def measure(logit: float) -> Calibration:
         threshold = 1 / (1 + math.exp(-logit))
@@ -69,27 +140,22 @@ def calibrate_share(
     def error(found: Calibration) -> float:
         return abs(found.achieved - target_share)
 
-    best = found = measure(0.0)
     logit, step = 0.0, 1.0
-    # Once the answer is passed, every turn halves the step.
-    passed = False
-    previous = found.achieved < target_share
-    for _ in range(_MOST_TRIALS):
-        too_few = found.achieved < target_share
-        passed = passed or too_few != previous
-        step = step / 2 if passed else step
+    tried = [measure(logit)]
+    while min(map(error, tried)) > 0.02 * target_share and len(tried) <= _MOST_TRIALS:
+        too_few = tried[-1].achieved < target_share
+        # Once the answer is passed, every turn halves the step.
+        if step < 1 or too_few != (tried[0].achieved < target_share):
+            step /= 2
         logit += step if too_few else -step
-        if error(best) <= 0.02 * target_share or abs(logit) > _WIDEST:
+        if abs(logit) > _WIDEST:
             break
-        previous = too_few
-        found = measure(logit)
-        best = min(best, found, key=error)
-    return best
+        tried.append(measure(logit))
+    return min(tried, key=error)
 
 
 def calibrate_reach(
-    sequences: Sequence[Tensor | WalkWaypoints],
-    network: Comparing,
+    walks: Sequence[WalkWaypoints],
     *,
     tc_threshold: float,
     max_action_distance: int = 4,
@@ -97,38 +163,29 @@ def calibrate_reach(
 ) -> Calibration:
     """Choose tc_re, above which one place counts as reachable from another.
 
-    ``pass_rate`` of all pairs of views at most k decisions apart pass. An edge means
-    "an agent gets there in k decisions", so the network's similarity of such pairs is
-    the evidence, and missing one in ten is cheap, as many pairs link two places. The
-    paper asks for 0.5 < tc_re < tc_th; a value outside is moved 5 % of that interval
-    inside its nearer end, and ``achieved`` then shows the cost. (If tc_th <= 0.5, the
-    interval is empty and tc_re = tc_th.)
+    ``pass_rate``, in (0, 1), of all pairs of views at most k (``max_action_distance``)
+    decisions apart pass: an edge means "an agent gets there in k decisions". Missing
+    one in ten is cheap, as many pairs link two places. The paper asks for
+    0.5 < tc_re < tc_th; a value outside is moved 5 % of that interval inside its nearer
+    end, and ``achieved`` then shows the cost. (If tc_th <= 0.5, the interval is empty
+    and tc_re = tc_th.)
 
     Reference:
         The paper, eqs. 10 and 12; A12 of our readings.
-
-    Args:
-        sequences: as in `calibrate_share`.
-        network: compares, see `Comparing`.
-        tc_threshold: tc_th, from `calibrate_share`.
-        max_action_distance: k.
-        pass_rate: share of the pairs that pass, in (0, 1).
     """
     if not 0 < pass_rate < 1:
         raise ValueError(f"pass_rate must lie in (0, 1), got {pass_rate}.")
-    near = torch.from_numpy(
-        np.concatenate(
-            [
-                np.diagonal(walk.later, apart)
-                for walk in prepare_walks(sequences, network)
-                for apart in range(1, max_action_distance + 1)
-            ]
-        )
-    )
-    if not len(near):
-        raise ValueError("a sequence must hold two observations, got one in each.")
-    threshold = float(near.quantile(1 - pass_rate))
+    near = [
+        np.diagonal(walk.later, apart)
+        for walk in walks
+        for apart in range(1, max_action_distance + 1)
+    ]
+    if not any(map(len, near)):
+        raise ValueError("a walk must hold two observations, got one in each.")
+    similarity = torch.from_numpy(np.concatenate(near))
     floor = min(0.5, tc_threshold)
     margin = 0.05 * (tc_threshold - floor)
+    threshold = float(similarity.quantile(1 - pass_rate))
     threshold = min(max(threshold, floor + margin), tc_threshold - margin)
-    return Calibration(threshold, pass_rate, float((near > threshold).double().mean()))
+    achieved = float((similarity > threshold).double().mean())
+    return Calibration(threshold, pass_rate, achieved)

@@ -1,8 +1,9 @@
 """`Discovery`: which observations become waypoints, and which edges join them."""
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 import torch
@@ -90,29 +91,31 @@ class Discovery:
             elif len(track.frames):
                 track.frames = self.waypoints.embed(track.images)
 
-    def add(self, pieces: Sequence[Piece]) -> list[Tensor]:
-        """Continue the episodes of pieces, those of one environment in order of time.
+    def add(self, pieces: Sequence[Piece]) -> list[int]:
+        """Continue episodes by their pieces; the waypoints of what was decided.
 
-        Returns, for each, the waypoints ``[A]`` of the observations that were decided,
-        which are all of them once an episode has ended.
+        Once an episode has ended that is all of it, in order within an environment.
         """
+        pieces_of = defaultdict[int, list[Piece]](list)
+        for piece in pieces:
+            pieces_of[piece.env].append(piece)
+        places: list[int] = []
         # The first piece of each environment, the second of each, and so on.
-        waves = defaultdict[int, list[int]](list)
-        num_pieces = Counter[int]()
-        for at, piece in enumerate(pieces):
-            waves[num_pieces[piece.env]].append(at)
-            num_pieces[piece.env] += 1
-        places = [torch.empty(0, dtype=torch.int64)] * len(pieces)
-        for wave in waves.values():
-            found = self._add_side_by_side([pieces[at] for at in wave])
-            for at, one in zip(wave, found, strict=True):
-                places[at] = one
+        for wave in zip_longest(*pieces_of.values()):
+            for track in self._add_side_by_side([one for one in wave if one]):
+                places += track.places
         return places
 
-    def _add_side_by_side(self, pieces: Sequence[Piece]) -> list[Tensor]:
+    def _add_side_by_side(self, pieces: Sequence[Piece]) -> list[Track]:
         tracks = []
         for piece in pieces:
-            track = self._tracks.pop(piece.env, None) or self._begin(piece)
+            track = self._tracks.pop(piece.env, None) or Track(
+                env=piece.env,
+                frames=piece.embeddings[:0],
+                images=None if piece.images is None else piece.images[:0],
+                number=self._counts.get(piece.env, 0),
+                is_first=not len(self.waypoints),
+            )
             track.append(piece, self.rules.lookahead)
             self._counts[piece.env] = track.number + len(track.frames)
             tracks.append(track)
@@ -126,16 +129,7 @@ class Discovery:
                 # One frame is kept in any case: the view before a new waypoint.
                 track.drop_decided(max(self.rules.lookahead, 1))
                 self._tracks[piece.env] = track
-        return [torch.tensor(track.places, dtype=torch.int64) for track in tracks]
-
-    def _begin(self, piece: Piece) -> Track:
-        return Track(
-            env=piece.env,
-            frames=piece.embeddings[:0],
-            images=None if piece.images is None else piece.images[:0],
-            number=self._counts.get(piece.env, 0),
-            is_first=not len(self.waypoints),
-        )
+        return tracks
 
     def _nearby(self, track: Track) -> list[int]:
         if self.rules.nearby is None:
@@ -177,14 +171,16 @@ class Discovery:
     def _decide(
         self, track: Track, near: list[int], votes: NDArray[np.float64]
     ) -> None:
-        rules, column = self.rules, {node: at for at, node in enumerate(near)}
+        """Map frames one by one, until one is like none of the waypoints nearby."""
+        threshold, column = (
+            self.rules.tc_threshold,
+            {n: at for at, n in enumerate(near)},
+        )
         for row in votes:
-            here = column.get(track.place) if rules.hysteresis else None
-            if here is not None and row[here] > rules.tc_threshold:
-                track.map_next(track.place)
-                continue
-            best = int(row.argmax()) if near else 0
-            if not near or not row[best] > rules.tc_threshold:
+            best = column.get(track.place) if self.rules.hysteresis else None
+            if near and (best is None or not row[best] > threshold):
+                best = int(row.argmax())
+            if best is None or not row[best] > threshold:
                 self._search(track)
                 return
             self._move(track, near[best])
@@ -213,10 +209,7 @@ class Discovery:
         return nodes, self.waypoints.similarities(frame.unsqueeze(0), nodes)[0]
 
     def _fits(self, track: Track, node: int) -> bool:
-        """Whether the frames around the next one are like waypoints around a node.
-
-        A view of a bare wall looks like many others, the way to it does not.
-        """
+        """Whether the frames around the next one are like waypoints around a node."""
         span = self.rules.surroundings
         steps = [span * part // 4 for part in (-4, -3, -2, -1, 1, 2, 3, 4)]
         at = [track.cursor + step for step in steps if step]
@@ -229,7 +222,9 @@ class Discovery:
 
     def _move(self, track: Track, place: int) -> None:
         before = track.place
-        if before >= 0 and (self.rules.by_time or self.graph.has_edge(before, place)):
+        if before >= 0 and (
+            self.rules.edges != "reach" or self.graph.has_edge(before, place)
+        ):
             self.graph.traverse(before, place)
         track.map_next(place)
 
@@ -246,7 +241,7 @@ class Discovery:
         origin = torch.tensor([track.env, track.number + at])
         place = self.waypoints.add(track.frames[at], image, origin)
         self.graph.add_waypoint()
-        if self.rules.by_reach:
+        if self.rules.edges != "time":
             reached = similarity > self.rules.tc_reach
             self.graph.link(
                 place, candidates[reached].tolist(), similarity[reached].tolist()

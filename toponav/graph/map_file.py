@@ -22,19 +22,9 @@ from torch import Tensor
 _FORMAT, _VERSION = "toponav map", 2
 _NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
 _ARRAYS = ("embeddings", "prepared")
+_EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
 #: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
-
-#: What reading bytes that are no map may raise.
-_DAMAGED = (
-    zipfile.BadZipFile,
-    AttributeError,
-    KeyError,
-    ValueError,
-    TypeError,
-    OSError,
-    EOFError,
-)
 
 
 class MapFileError(ValueError):
@@ -47,15 +37,15 @@ def save_map(
     *,
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a map, a `TopologicalMap.state_dict`, into one file, atomically.
+    """Write a `TopologicalMap.state_dict` into one file, atomically.
 
-    The folder must exist; ``about`` are words to keep, such as the maze's name.
+    ``about`` are words to keep, such as the maze's name.
     """
     path = Path(path)
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with fresh.open("wb") as file:
-            with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            with zipfile.ZipFile(file, "w") as archive:
                 _write(archive, "graph.json", _graph(state, about or {}))
                 for name in _ARRAYS:
                     buffer = io.BytesIO()
@@ -83,7 +73,7 @@ def load_map(path: Path | str) -> tuple[dict[str, Any], dict[str, str]]:
             return _read(archive, path)
     except MapFileError:
         raise
-    except _DAMAGED as bad:
+    except Exception as bad:  # damage can make any of the readers fail in any way
         raise MapFileError(
             f"a map must be a file that was written completely, got the damaged {path} "
             f"({str(bad).strip()[:80]})"
@@ -91,12 +81,9 @@ def load_map(path: Path | str) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
-    edges = zip(
-        state["edges"].tolist(),
-        state["traversals"].tolist(),
-        state["edge_similarity"].tolist(),
-        strict=True,
-    )
+    counts = torch.cat([state["edges"], state["traversals"]], 1).tolist()
+    rows = zip(counts, state["edge_similarity"].tolist(), strict=True)
+    edges = [(*row, None if math.isnan(value) else value) for row, value in rows]
     content = {
         "format": _FORMAT,
         "format_version": _VERSION,
@@ -111,16 +98,7 @@ def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
             {"id": number, "environment": env, "observation": observation}
             for number, (env, observation) in enumerate(state["origins"].tolist())
         ],
-        "edges": [
-            {
-                "source": one,
-                "target": other,
-                "traversals": there,
-                "traversals_back": back,
-                "similarity": None if math.isnan(value) else value,
-            }
-            for (one, other), (there, back), value in edges
-        ],
+        "edges": [dict(zip(_EDGE, edge, strict=True)) for edge in edges],
     }
     return json.dumps(content, indent=0, allow_nan=False).encode()
 
@@ -145,16 +123,14 @@ def _read(
             raise ValueError(f"{len(nodes)} nodes, {len(array)} {name}")
         state[name] = torch.from_numpy(array)
     names = [_view_name(at) for at in range(len(nodes))] if graph["views"] else []
-    views = [_decode_view(archive.read(name)) for name in names]
-    state["images"] = torch.stack(views) if views else torch.empty(0)
+    views = [np.array(Image.open(io.BytesIO(archive.read(name)))) for name in names]
+    state["images"] = torch.from_numpy(np.stack(views)) if views else torch.empty(0)
     state["origins"] = _columns(nodes, "environment", "observation")
-    state["edges"] = _columns(edges, "source", "target")
-    state["traversals"] = _columns(edges, "traversals", "traversals_back")
+    state["edges"] = _columns(edges, *_EDGE[:2])
+    state["traversals"] = _columns(edges, *_EDGE[2:4])
     values = [edge["similarity"] for edge in edges]
-    state["edge_similarity"] = torch.tensor(
-        [float("nan") if value is None else value for value in values],
-        dtype=torch.float32,
-    )
+    # None becomes NaN.
+    state["edge_similarity"] = torch.from_numpy(np.array(values, np.float32))
     return state, dict(graph["about"])
 
 
@@ -168,11 +144,9 @@ def _view_name(number: int) -> str:
 
 
 def _write(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
-    entry = zipfile.ZipInfo(name, _DATE)
     # A PNG is compressed already.
-    stored = name.endswith(".png")
-    entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
-    archive.writestr(entry, data)
+    kind = zipfile.ZIP_STORED if name.endswith(".png") else zipfile.ZIP_DEFLATED
+    archive.writestr(zipfile.ZipInfo(name, _DATE), data, kind)
 
 
 def _encode_view(view: Tensor) -> bytes:
@@ -183,8 +157,3 @@ def _encode_view(view: Tensor) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(np.asarray(view)).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
-
-
-def _decode_view(data: bytes) -> Tensor:
-    with Image.open(io.BytesIO(data)) as image:
-        return torch.from_numpy(np.array(image))

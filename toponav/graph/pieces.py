@@ -1,6 +1,5 @@
 """From batches to pieces of episodes: what one environment saw without a break."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,7 +7,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase, unravel_key
 from torch import Tensor
 
-from toponav.graph.waypoints import check_finite
+from toponav.graph.waypoints import Embed, check_finite
 from toponav.keys import (
     DONE,
     EMBEDDING,
@@ -47,62 +46,48 @@ class Piece:
     ends: bool
 
 
-def read_pieces(
+def cut_pieces(
     data: TensorDictBase,
     keys: MapKeys,
+    embeddings: Tensor,
+    goal_reward: float | None,
     *,
-    embed: Callable[[Tensor], Tensor],
-    network_version: int = 0,
-    goal_reward: float | None = None,
-    whole: bool = False,
+    whole: bool,
 ) -> list[Piece]:
     """Cut a batch ``[E, T]`` where episodes end or agents are put elsewhere.
 
-    The pieces are in the order of environments, then of time.
-
-    Args:
-        data: decisions.
-        keys: what to read of them.
-        embed: embeds views, if there are no embeddings or they are of other networks.
-        network_version: of the embeddings that are wanted.
-        goal_reward: from this reward on, the agent was put elsewhere.
-        whole: whether every row is a complete episode: its end needs no done flag, and
-            without an environment's number it is of environment 0.
+    The pieces are in the order of environments, then of time. If the rows are ``whole``
+    episodes, they need no done flag, and are of environment 0 without its number.
     """
-    images = data.get(keys.views, None)
-    images = None if images is None else images.cpu()
-    embeddings = _embeddings(data, keys, images, embed, network_version)
-    ends = _ends(data, keys, goal_reward, whole)
-    env_id = data.get(keys.env_id, None)
+    images, env_id = data.get(keys.views, None), data.get(keys.env_id, None)
     if env_id is None and not whole:
         raise _missing(f"{keys.env_id!r}", data)
     envs = [0] * len(data) if env_id is None else env_id[:, 0].flatten().tolist()
+    ends = _ends(data, keys, goal_reward, whole)
     pieces = []
     for row, env in enumerate(envs):
         cuts = [0, *(ends[row].nonzero().flatten() + 1).tolist(), data.shape[1]]
         for start, stop in pairwise(cuts):
             if start < stop:
-                views = None if images is None else images[row, start:stop]
+                views = None if images is None else images[row, start:stop].cpu()
                 is_last = bool(ends[row, stop - 1])
                 pieces.append(Piece(env, embeddings[row, start:stop], views, is_last))
     return pieces
 
 
-def _embeddings(
-    data: TensorDictBase,
-    keys: MapKeys,
-    images: Tensor | None,
-    embed: Callable[[Tensor], Tensor],
-    network_version: int,
+def read_embeddings(
+    data: TensorDictBase, keys: MapKeys, embed: Embed, network_version: int
 ) -> Tensor:
+    """Those of a batch, float32 ``[E, T, D]``; by other networks, made again."""
     embeddings, version = data.get(keys.embedding, None), data.get(keys.version, None)
     is_current = version is None or bool((version == network_version).all())
     if embeddings is not None and is_current:
         known: Tensor = embeddings.float().cpu()
         check_finite(known)
         return known
+    images = data.get(keys.views, None)
     if images is not None:
-        made: Tensor = embed(images.flatten(0, 1)).unflatten(0, data.shape)
+        made: Tensor = embed(images.flatten(0, 1).cpu()).unflatten(0, data.shape)
         return made
     if embeddings is None:
         raise _missing(f"{keys.embedding!r} or {keys.views!r}", data)
@@ -117,11 +102,11 @@ def _ends(
 ) -> Tensor:
     ends = torch.zeros(data.shape, dtype=torch.bool)
     done = data.get(unravel_key(("next", keys.done)), None)
+    reward = data.get(unravel_key(("next", keys.reward)), None)
     if done is not None:
         ends |= done.reshape(*data.shape, -1).any(-1).cpu()
     elif not whole:
         raise _missing(f"{('next', keys.done)}", data)
-    reward = data.get(unravel_key(("next", keys.reward)), None)
     if reward is not None and goal_reward is not None:
         ends |= (reward >= goal_reward).reshape(*data.shape, -1).any(-1).cpu()
     if whole:

@@ -42,16 +42,11 @@ class MapRules:
     untraversed_edge_cost: float = 3.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.tc_threshold < 1:
-            raise ValueError(f"tc_threshold must be in [0, 1), got {self.tc_threshold}")
+        _check_range(self, 0, "tc_threshold", "surroundings_above", below=1)
         if not 0 <= self.tc_reach <= self.tc_threshold:
             raise ValueError(
                 f"tc_reach must be in [0, tc_threshold={self.tc_threshold:g}], got "
                 f"{self.tc_reach}"
-            )
-        if not 0 <= self.surroundings_above < 1:
-            raise ValueError(
-                f"surroundings_above must be in [0, 1), got {self.surroundings_above}"
             )
         for name, choices in (
             ("edges", ("both", "reach", "time")),
@@ -59,16 +54,8 @@ class MapRules:
         ):
             if (value := getattr(self, name)) not in choices:
                 raise ValueError(f"{name} must be one of {choices}, got {value!r}")
-        _check_least(self, 0, "window", "search_window", "surroundings")
-        _check_least(self, 1, "nearby", "shortlist", "untraversed_edge_cost")
-
-    @property
-    def by_time(self) -> bool:
-        return self.edges != "reach"
-
-    @property
-    def by_reach(self) -> bool:
-        return self.edges != "time"
+        _check_range(self, 0, "window", "search_window", "surroundings")
+        _check_range(self, 1, "nearby", "shortlist", "untraversed_edge_cost")
 
     @property
     def lookahead(self) -> int:
@@ -102,16 +89,19 @@ class NavigatorRules:
     lost_for: int = 5  # random actions of an agent that is lost
 
     def __post_init__(self) -> None:
-        if not 0 <= self.tc_reach < 1:
-            raise ValueError(f"tc_reach must be in [0, 1), got {self.tc_reach}")
-        _check_least(self, 0, "follow", "temperature")
-        _check_least(self, 1, "hops", "shortlist", "lookahead", "fade_after")
-        _check_least(self, 1, "goal_patience", "lost_for")
-        _check_least(self, 2, "block_after")
+        _check_range(self, 0, "tc_reach", below=1)
+        _check_range(self, 0, "follow", "temperature")
+        _check_range(self, 1, "hops", "shortlist", "lookahead", "fade_after")
+        _check_range(self, 1, "goal_patience", "lost_for")
+        _check_range(self, 2, "block_after")
 
 
-def _check_least(rules: object, least: int, *names: str) -> None:
+def _check_range(
+    rules: object, least: int, *names: str, below: int | None = None
+) -> None:
+    wanted = f"at least {least}" if below is None else f"in [{least}, {below})"
     for name in names:
         value = getattr(rules, name)
-        if value is not None and not value >= least:
-            raise ValueError(f"{name} must be at least {least}, got {value}")
+        if value is None or (value >= least and (below is None or value < below)):
+            continue
+        raise ValueError(f"{name} must be {wanted}, got {value}")

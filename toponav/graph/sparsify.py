@@ -22,37 +22,32 @@ def sparsify(topological_map: TopologicalMap, *, tolerance: float = 0.1) -> Tens
     """
     if not 0 <= tolerance <= 1:
         raise ValueError(f"tolerance must be in [0, 1], got {tolerance}")
+    compare = topological_map.waypoints.pair_similarities
+    neighbours = topological_map.graph.neighbours
+
+    def similarity(one: Tensor, other: Tensor) -> Tensor:
+        return torch.stack([compare(one, other), compare(other, one)])
+
+    def difference(one: int, other: int) -> float:
+        """Of two waypoints' similarities to the neighbours of either, at most."""
+        around = {*neighbours(one), *neighbours(other)} - {one, other}
+        if not around:
+            return 0.0
+        third = torch.tensor(sorted(around))
+        first = similarity(torch.full_like(third, one), third)
+        second = similarity(torch.full_like(third, other), third)
+        return float((first - second).abs().max())
+
     into = torch.arange(topological_map.num_waypoints)
     edges = topological_map.edges
-    there_and_back = _similarity(topological_map, *edges.unbind(1))
-    similar = (there_and_back > topological_map.tc_threshold).all(0)
+    are_alike = similarity(*edges.unbind(1)) > topological_map.rules.tc_threshold
     takes, goes = set[int](), set[int]()
-    for older, newer in sorted(edges[similar].tolist(), key=lambda pair: -pair[1]):
+    pairs = sorted(edges[are_alike.all(0)].tolist(), key=lambda pair: -pair[1])
+    for older, newer in pairs:
         if newer in takes or newer in goes or older in goes:
             continue
-        if _agree(topological_map, older, newer, tolerance):
+        if difference(older, newer) <= tolerance:
             into[newer] = older
             takes.add(older)
             goes.add(newer)
     return topological_map.merge(into)
-
-
-def _similarity(topological_map: TopologicalMap, one: Tensor, other: Tensor) -> Tensor:
-    compare = topological_map.waypoints.pair_similarities
-    return torch.stack([compare(one, other), compare(other, one)])
-
-
-def _agree(
-    topological_map: TopologicalMap, one: int, other: int, tolerance: float
-) -> bool:
-    """Whether two waypoints are equally similar to each neighbour of either."""
-    graph = topological_map.graph
-    around = {*graph.neighbours(one), *graph.neighbours(other)} - {one, other}
-    if not around:
-        return True
-    third = torch.tensor(sorted(around))
-    first, second = (
-        _similarity(topological_map, torch.full_like(third, end), third)
-        for end in (one, other)
-    )
-    return float((first - second).abs().max()) <= tolerance

@@ -9,23 +9,17 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from toponav.graph.discovery import Discovery
-from toponav.graph.pieces import MapKeys, Piece, read_pieces
+from toponav.graph.pieces import MapKeys, Piece, cut_pieces, read_embeddings
 from toponav.graph.rules import MapRules
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Compare, Embed, Waypoints
-
-#: The parts of a map's state.
-_WAYPOINTS = ("embeddings", "prepared", "images", "origins")
-_EDGES = ("edges", "traversals", "edge_similarity")
-_NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
 
 
 class TopologicalMap:
     """A graph of views, each of which stands for what is close to it in time.
 
-    Observations are fed in the order in which they were made, as episodes or as the
-    batches that a collector yields. Each is mapped to a waypoint or becomes one, by the
-    settings of `MapRules`:
+    Observations are fed in the order in which they were made, as episodes or as a
+    collector's batches. Each is mapped to a waypoint or becomes one, by `MapRules`:
 
     1. its similarity to a waypoint is the mean over the ``window`` observations on
        either side of it and itself;
@@ -44,6 +38,7 @@ class TopologicalMap:
 
     Nothing here reads a privileged key. The networks are callables and stay their
     owner's; they must be in ``eval()`` mode, and what they return is kept on the CPU.
+    It is a `Map` to navigate by; ``waypoints`` and ``graph`` hold what else is known.
 
     Reference:
         The paper, "Space topological cognition", eqs. 9 to 12.
@@ -52,7 +47,7 @@ class TopologicalMap:
         embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
         compare: embeddings ``[N, D]`` and memory ``[N, M, P]`` to similarities
             ``[N, M]`` in [0, 1].
-        rules: when an observation becomes a waypoint, and what an edge joins.
+        rules: its choices.
         prepare: embeddings ``[N, M, D]`` to memory ``[N, M, P]``; ``None`` keeps them.
         goal_reward: a task reward of at least this much means that the agent was put
             elsewhere, so that no edge joins before and after; ``None`` if it never is.
@@ -64,13 +59,10 @@ class TopologicalMap:
         >>> grey = torch.tensor([0.0, 0.5, 0.55, 0.0]).reshape(4, 1)
         >>> flags = torch.tensor([[False], [False], [False], [True]])
         >>> episode = TensorDict({"embedding": grey, "next": {"done": flags}}, [4])
-        >>> topological_map = TopologicalMap(
-        ...     embed=lambda views: views.flatten(1).float(),
-        ...     compare=lambda one, many: 1 - (one.unsqueeze(1) - many).abs().mean(-1),
-        ...     rules=MapRules(
-        ...         tc_threshold=0.9, tc_reach=0.7, window=0, search_window=0
-        ...     ),
-        ... )
+        >>> def compare(one, many):
+        ...     return 1 - (one.unsqueeze(1) - many).abs().mean(-1)
+        >>> rules = MapRules(tc_threshold=0.9, tc_reach=0.7, window=0, search_window=0)
+        >>> topological_map = TopologicalMap(torch.Tensor.float, compare, rules)
         >>> topological_map.add_episode(episode)
         tensor([0, 1, 1, 0])
     """
@@ -101,20 +93,11 @@ class TopologicalMap:
         return self._discovery.rules
 
     @property
-    def tc_threshold(self) -> float:
-        return self.rules.tc_threshold
-
-    @property
-    def tc_reach(self) -> float:
-        return self.rules.tc_reach
-
-    @property
     def num_waypoints(self) -> int:
         return len(self.waypoints)
 
     @property
     def version(self) -> int:
-        """Goes up with every change of waypoints, edges or their costs."""
         return self.graph.version
 
     @property
@@ -123,49 +106,22 @@ class TopologicalMap:
 
     @property
     def prepared(self) -> Tensor:
-        """What comparisons are made with, float32 ``[W, P]``."""
         return self.waypoints.prepared
 
     @property
-    def images(self) -> Tensor:
-        """The views, uint8 ``[W, H, W, C]``; empty if none were given."""
-        return self.waypoints.images
-
-    @property
-    def origins(self) -> Tensor:
-        """int64 ``[W, 2]``: environment, and number of its observations before."""
-        return self.waypoints.origins
-
-    @property
     def edges(self) -> Tensor:
-        """Undirected, each once, the lower waypoint first; int64 ``[E, 2]``."""
         return self.graph.edges
 
     @property
     def edge_cost(self) -> Tensor:
-        """From the lower waypoint to the other, and back; float32 ``[E, 2]``."""
         return self.graph.edge_cost
-
-    @property
-    def traversals(self) -> Tensor:
-        """How often each edge was traversed, there and back; int64 ``[E, 2]``."""
-        return self.graph.traversals
-
-    @property
-    def edge_similarity(self) -> Tensor:
-        """Similarity of each edge's ends, NaN if not compared; float32 ``[E]``."""
-        return self.graph.edge_similarity
-
-    def neighbourhood(self, node: int, hops: int) -> Tensor:
-        """Waypoints at most ``hops`` edges away, itself included; int64 ``[A]``."""
-        return self.graph.neighbourhood(node, hops)
 
     def add_episode(self, data: TensorDictBase) -> Tensor:
         """Add a complete episode ``[T >= 1]``; the waypoints of its observations."""
         if data.batch_dims != 1 or not len(data):
             raise ValueError(f"an episode must be [T >= 1], got {list(data.shape)}")
         pieces = self._read(data.unsqueeze(0), whole=True)
-        return torch.cat(self._discovery.add(pieces))
+        return torch.tensor(self._discovery.add(pieces))
 
     def extend(self, data: TensorDictBase) -> int:
         """Continue episodes by a batch ``[E, T]``; count the new waypoints.
@@ -177,47 +133,32 @@ class TopologicalMap:
         if data.batch_dims != 2 or not data.shape[1]:
             raise ValueError(f"batches must be [E, T >= 1], got {list(data.shape)}")
         before = self.num_waypoints
-        self._discovery.add(self._read(data))
+        self._discovery.add(self._read(data, whole=False))
         return self.num_waypoints - before
 
-    def _read(self, data: TensorDictBase, *, whole: bool = False) -> list[Piece]:
-        return read_pieces(
-            data,
-            self.keys,
-            embed=self.waypoints.embed,
-            network_version=self.network_version,
-            goal_reward=self.goal_reward,
-            whole=whole,
+    def _read(self, data: TensorDictBase, *, whole: bool) -> list[Piece]:
+        embeddings = read_embeddings(
+            data, self.keys, self.waypoints.embed, self.network_version
         )
+        return cut_pieces(data, self.keys, embeddings, self.goal_reward, whole=whole)
 
-    def set_thresholds(
-        self, tc_threshold: float | None = None, tc_reach: float | None = None
-    ) -> None:
-        """Change the rules' thresholds; ``None`` keeps one."""
+    def set_thresholds(self, tc_threshold: float, tc_reach: float) -> None:
+        """Change the rules' thresholds."""
         self._discovery.rules = replace(
-            self.rules,
-            tc_threshold=self.tc_threshold if tc_threshold is None else tc_threshold,
-            tc_reach=self.tc_reach if tc_reach is None else tc_reach,
+            self.rules, tc_threshold=tc_threshold, tc_reach=tc_reach
         )
 
-    def refresh(
-        self,
-        version: int,
-        *,
-        tc_threshold: float | None = None,
-        tc_reach: float | None = None,
-    ) -> int:
+    def refresh(self, version: int) -> int:
         """Embed all waypoints again, after the networks' weights changed to a version.
 
         Waypoints stay; all edges are compared again, and those that were never
         traversed and are not reached any more are dropped and counted.
         """
-        self.set_thresholds(tc_threshold, tc_reach)
         self.waypoints.refresh()
         self._discovery.refresh()
         self.network_version = version
         similarity = self.waypoints.pair_similarities(*self.edges.unbind(1))
-        return self.graph.update_similarities(similarity, self.tc_reach)
+        return self.graph.update_similarities(similarity, self.rules.tc_reach)
 
     def merge(self, into: Tensor) -> Tensor:
         """Unite waypoints; see `sparsify` for which.
@@ -230,28 +171,27 @@ class TopologicalMap:
                 "a waypoint must become part of one that stays, got "
                 f"{int((into[into] != into).nonzero()[0])} in one that goes"
             )
-        kept = (into == torch.arange(len(into))).nonzero().flatten()
+        kept = into.unique()
         number = torch.searchsorted(kept, into)
         self.waypoints.keep(kept)
         self.graph.merge(number)
         self._discovery.renumber(number)
         return number
 
-    def state_dict(self) -> dict[str, object]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything but the networks and the episodes that are not finished."""
-        state: dict[str, object] = {
-            name: getattr(self, name).clone() for name in (*_WAYPOINTS, *_EDGES)
+        return {
+            **self.waypoints.state_dict(),
+            **self.graph.state_dict(),
+            "network_version": self.network_version,
+            "tc_threshold": self.rules.tc_threshold,
+            "tc_reach": self.rules.tc_reach,
         }
-        return state | {name: getattr(self, name) for name in _NUMBERS}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Become the map of `state_dict`; unfinished episodes are dropped."""
-        self.waypoints.restore(*(state[name] for name in _WAYPOINTS))
         self.set_thresholds(state["tc_threshold"], state["tc_reach"])
-        self.graph.restore(
-            self.num_waypoints,
-            *(state[name] for name in _EDGES),
-            version=state["version"],
-        )
+        self.waypoints.load_state_dict(state)
+        self.graph.load_state_dict(state, self.num_waypoints)
         self.network_version = state["network_version"]
         self._discovery.clear()

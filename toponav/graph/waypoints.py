@@ -1,6 +1,6 @@
 """`Waypoints`: the views of a map, embedded, and how similar others are to them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor
@@ -8,52 +8,18 @@ from torch import Tensor
 Embed = Callable[[Tensor], Tensor]
 Compare = Callable[[Tensor, Tensor], Tensor]
 
-#: Pairs compared in one call: what lies between a network's layers stays in cache.
-_PAIRS = 8192
+#: Views embedded and pairs compared in one call: what lies between a network's layers
+#: stays in cache.
+_VIEWS, _PAIRS = 64, 8192
 #: What rounding may add to a similarity of 0 or 1.
 _ROUNDING = 1e-3
-
-
-class RowBuffer:
-    """Rows ``[N, ...]`` of one kind; more are appended in amortised constant time."""
-
-    def __init__(self, rows: Tensor | None = None) -> None:
-        self._buffer = torch.empty(0) if rows is None else rows.clone()
-        self._length = len(self._buffer)
-
-    def __len__(self) -> int:
-        return self._length
-
-    @property
-    def values(self) -> Tensor:
-        """All rows, ``[N, ...]``: a view that the next `append` may invalidate."""
-        return self._buffer[: self._length]
-
-    def append(self, rows: Tensor) -> None:
-        """Add rows ``[A, ...]`` of the shape and dtype of the others."""
-        if not self._length:
-            self._buffer = rows.new_empty(0, *rows.shape[1:])
-        kind = (rows.shape[1:], rows.dtype)
-        if kind != (self._buffer.shape[1:], self._buffer.dtype):
-            raise ValueError(
-                f"rows must be {self._buffer.dtype} {list(self._buffer.shape[1:])} as "
-                f"those before, got {rows.dtype} {list(rows.shape[1:])}"
-            )
-        length = self._length + len(rows)
-        if length > len(self._buffer):
-            capacity = max(length, 2 * len(self._buffer), 8)
-            larger = self._buffer.new_empty(capacity, *self._buffer.shape[1:])
-            larger[: self._length] = self.values
-            self._buffer = larger
-        self._buffer[self._length : length] = rows
-        self._length = length
 
 
 class Waypoints:
     """Embeddings, views and origins of waypoints 0 to W - 1, kept on the CPU.
 
-    Its arguments are those of `TopologicalMap`. The methods raise ``ValueError`` if an
-    embedding is not finite or a similarity not in [0, 1].
+    Arguments as in `TopologicalMap`. The methods raise ``ValueError`` if an embedding
+    is not finite or a similarity not in [0, 1].
     """
 
     def __init__(
@@ -62,94 +28,88 @@ class Waypoints:
         self._embed = embed
         self._compare = compare
         self._prepare = prepare
-        self._embeddings = RowBuffer()
-        self._prepared = RowBuffer()
-        self._images = RowBuffer()
-        self._origins = RowBuffer(torch.empty(0, 2, dtype=torch.int64))
+        #: float32 ``[W, D]``.
+        self.embeddings = torch.empty(0)
+        #: What comparisons are made with, float32 ``[W, P]``.
+        self.prepared = torch.empty(0)
+        #: int64 ``[W, 2]``: environment, and number of its observations before.
+        self.origins = torch.empty(0, 2, dtype=torch.int64)
+        self._images: list[Tensor] = []
 
     def __len__(self) -> int:
-        return len(self._origins)
-
-    @property
-    def embeddings(self) -> Tensor:
-        return self._embeddings.values
-
-    @property
-    def prepared(self) -> Tensor:
-        return self._prepared.values
+        return len(self.origins)
 
     @property
     def images(self) -> Tensor:
-        """uint8 ``[W, H, W, C]``; empty if the views were not given."""
-        return self._images.values
-
-    @property
-    def origins(self) -> Tensor:
-        """int64 ``[W, 2]``: environment, and number of its observations before."""
-        return self._origins.values
+        """The views, uint8 ``[W, H, W, C]``; empty if none were given."""
+        return torch.stack(self._images) if self._images else torch.empty(0)
 
     def add(self, embedding: Tensor, image: Tensor | None, origin: Tensor) -> int:
         """Add a waypoint of embedding ``[D]`` and, for all or for none, a view."""
         number = len(self)
-        if number and (image is None) != (len(self._images) == 0):
+        if number and (image is None) != (not self._images):
             raise ValueError(
                 "views must be given for all waypoints or for none, got one "
                 + ("without" if image is None else "with")
             )
         row = embedding.unsqueeze(0).float()
-        self._embeddings.append(row)
-        self._prepared.append(self.entries(row))
-        self._origins.append(origin.unsqueeze(0))
+        self.embeddings = torch.cat([self.embeddings, row])
+        self.prepared = torch.cat([self.prepared, self.entries(row)])
+        self.origins = torch.cat([self.origins, origin.unsqueeze(0)])
         if image is not None:
-            self._images.append(image.unsqueeze(0))
+            self._images.append(image.clone())
         return number
 
     def keep(self, kept: Tensor) -> None:
         """Remove all waypoints but those with numbers ``kept``, int64 ``[W']``."""
-        for name in ("_embeddings", "_prepared", "_images", "_origins"):
-            rows: RowBuffer = getattr(self, name)
-            setattr(self, name, RowBuffer(rows.values[kept]) if len(rows) else rows)
+        self.embeddings, self.prepared = self.embeddings[kept], self.prepared[kept]
+        self.origins = self.origins[kept]
+        if self._images:
+            self._images = [self._images[one] for one in kept.tolist()]
 
-    def restore(
-        self, embeddings: Tensor, prepared: Tensor, images: Tensor, origins: Tensor
-    ) -> None:
-        """Replace all waypoints by those of the properties of the same names."""
-        self._embeddings, self._prepared = RowBuffer(embeddings), RowBuffer(prepared)
-        self._images, self._origins = RowBuffer(images), RowBuffer(origins)
+    def state_dict(self) -> dict[str, Tensor]:
+        """Copies of what is kept of each waypoint."""
+        return {
+            "embeddings": self.embeddings.clone(),
+            "prepared": self.prepared.clone(),
+            "images": self.images,
+            "origins": self.origins.clone(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Replace all waypoints by those of a `state_dict`."""
+        self.embeddings = state["embeddings"].clone()
+        self.prepared = state["prepared"].clone()
+        self.origins = state["origins"].clone()
+        self._images = list(state["images"].clone())
 
     @torch.no_grad()
-    def embed(self, views: Tensor, *, chunk: int = 64) -> Tensor:
+    def embed(self, views: Tensor) -> Tensor:
         """Embeddings of views ``[N, H, W, C]``, float32 ``[N, D]``."""
-        embeddings = torch.cat(
-            [self._embed(some).float() for some in views.split(chunk)]
-        )
+        parts = [self._embed(some).float() for some in views.split(_VIEWS)]
+        embeddings = torch.cat(parts)
         check_finite(embeddings)
         return embeddings
 
-    @torch.no_grad()
     def refresh(self) -> None:
         """Embed all views again, after the networks' weights changed."""
         if not len(self):
             return
-        if not len(self._images):
+        if not self._images:
             raise ValueError("views must have been given to refresh a map, got none")
-        embeddings = self.embed(self.images)
-        self._embeddings = RowBuffer(embeddings)
-        self._prepared = RowBuffer(self.entries(embeddings))
+        self.embeddings = self.embed(self.images)
+        self.prepared = self.entries(self.embeddings)
 
+    @torch.no_grad()
     def entries(self, embeddings: Tensor) -> Tensor:
         """What is kept of embeddings ``[N, D]`` for comparisons, ``[N, P]``."""
         if self._prepare is None:
             return embeddings
-        with torch.no_grad():
-            return self._prepare(embeddings.unsqueeze(0)).squeeze(0).float()
+        return self._prepare(embeddings.unsqueeze(0)).squeeze(0).float()
 
     @torch.no_grad()
     def compare(self, embeddings: Tensor, prepared: Tensor) -> Tensor:
-        """Compare ``[N, D]`` with ``[N, M, P]`` in calls of bounded size.
-
-        An expanded view of one memory is not copied.
-        """
+        """Compare ``[N, D]`` with ``[N, M, P]`` in calls of bounded size."""
         rows = max(_PAIRS // max(prepared.shape[1], 1), 1)
         chunks = zip(embeddings.split(rows), prepared.split(rows), strict=True)
         found = torch.cat([self._compare(one, many).float() for one, many in chunks])

@@ -1,6 +1,7 @@
-"""`GroundTruthDistances`: walking distances in a maze, whatever slots are closed."""
+"""How far apart points and poses of a maze are, whatever slots are closed."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -8,9 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from toponav.ground_truth.routes import Routes, shortest_lengths
+from toponav.ground_truth.steering import wrap_degrees
+from toponav.worlds import Motion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+#: Up to here two poses are near: parallel corridors are two cells apart, and agents may
+#: stand off their middles.
+_NEAR_CELLS = 2.5
 
 
 def cell_centres(cells: Tensor, num_rows: int, cell_size: float) -> Tensor:
@@ -44,7 +51,6 @@ class GroundTruthDistances:
         slot_cells: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.routes = Routes(open_mask, slot_cells=slot_cells)
-        self.open_mask = torch.as_tensor(open_mask)
         self.cell_size = cell_size
         self.slot_cells = list(slot_cells)
         self._gates_of, at = _find_gates(self.routes)
@@ -63,44 +69,44 @@ class GroundTruthDistances:
         self, start: ArrayLike, end: ArrayLike, closed: ArrayLike | None = None
     ) -> Floats:
         """`geodesic` of arrays, twice ``[*B, 2]`` to float64 ``[*B]``."""
-        first, last = (
-            torch.from_numpy(np.array(points, np.float32)) for points in (start, end)
-        )
-        return np.asarray(self.geodesic(first, last, closed), np.float64)
+        ends = [torch.from_numpy(np.array(at, np.float32)) for at in (start, end)]
+        return np.asarray(self.geodesic(*ends, closed=closed), np.float64)
 
     def geodesic(
         self, start: Tensor, end: Tensor, closed: ArrayLike | None = None
     ) -> Tensor:
         """Distance ``[*B]``, infinite without a path past ``closed`` slots ``[S]``."""
-        key = self._slots_closed(closed)
         start, end = torch.broadcast_tensors(start, end)
-        to_gate, first = self._to_gates(start, key)
-        from_gate, last = self._to_gates(end, key)
-        between = self._gate_distances(key)[first.unsqueeze(-1), last.unsqueeze(-2)]
+        to_gate, first = self._to_gates(start, closed)
+        from_gate, last = self._to_gates(end, closed)
+        between = self._gate_distances(closed)
+        between = between[first.unsqueeze(-1), last.unsqueeze(-2)]
         lengths = to_gate.unsqueeze(-1) + between + from_gate.unsqueeze(-2)
         around = lengths.flatten(-2).min(-1).values
         straight = (start - end).norm(dim=-1)
-        return torch.where(self.visible(start, end, key), straight, around)
+        return torch.where(self.visible(start, end, closed), straight, around)
 
-    def cell_numbers(self, points: Tensor) -> Tensor:
+    def cell_numbers(self, points: Tensor, closed: ArrayLike | None = None) -> Tensor:
         """Number of the open cell of each point, ``[*B, 2]`` to int64 ``[*B]``."""
-        rows, columns = self.routes.shape
-        x, y = (points / self.cell_size).floor().long().unbind(-1)
-        row = rows - 1 - y
-        inside = (row >= 0) & (row < rows) & (x >= 0) & (x < columns)
-        cell = torch.stack([row.clamp(0, rows - 1), x.clamp(0, columns - 1)], -1)
-        number = self.routes.number(cell).masked_fill(~inside, -1)
-        self._require_floor(points, number >= 0)
+        last = torch.tensor(self.routes.shape) - 1
+        column, up = (points / self.cell_size).floor().long().unbind(-1)
+        cell = torch.stack([last[0] - up, column], -1)
+        inside = ((cell >= 0) & (cell <= last)).all(-1)
+        number = self.routes.number(cell.clamp(min=0).minimum(last))
+        shut = self.routes.slots[self._is_closed(closed)]
+        on_floor = inside & (number >= 0) & ~torch.isin(number, shut)
+        if not on_floor.all():
+            wrong = points[~on_floor][0].tolist()
+            raise ValueError(f"points must lie on the maze's floor, got {wrong}.")
         return number
 
     def visible(
         self, start: Tensor, end: Tensor, closed: ArrayLike | None = None
     ) -> Tensor:
         """Whether the line stays on the floor: it changes its cell only at the grid."""
-        mask = self.open_mask.clone()
-        slots = zip(self.slot_cells, self._slots_closed(closed), strict=True)
-        for (row, column), is_closed in slots:
-            mask[row, column] &= not is_closed
+        mask = self.routes.numbers >= 0
+        row, column = self.routes.cells[self.routes.slots].unbind(1)
+        mask[row, column] = ~self._is_closed(closed)
         floor = mask.flip(0).T  # [x, y] in cells
         clear = torch.ones(start.shape[:-1], dtype=torch.bool)
         for axis, plane in enumerate((floor, floor.T)):
@@ -117,30 +123,24 @@ class GroundTruthDistances:
             clear &= (free | ~crossed).all(-1)
         return clear
 
-    def _slots_closed(self, closed: ArrayLike | None) -> tuple[bool, ...]:
+    def _is_closed(self, closed: ArrayLike | None) -> Tensor:
         if closed is None:
-            return (False,) * len(self.slot_cells)
-        return tuple(bool(one) for one in np.asarray(closed))
-
-    def _require_floor(self, points: Tensor, on_floor: Tensor) -> None:
-        if not on_floor.all():
-            wrong = points[~on_floor][0].tolist()
-            raise ValueError(f"points must lie on the maze's floor, got {wrong}.")
+            return torch.zeros(len(self.slot_cells), dtype=torch.bool)
+        return torch.from_numpy(np.array(closed, bool))
 
     def _to_gates(
-        self, points: Tensor, closed: tuple[bool, ...]
+        self, points: Tensor, closed: ArrayLike | None
     ) -> tuple[Tensor, Tensor]:
-        cells = self.cell_numbers(points)
-        shut = self.routes.slots[torch.tensor(closed, dtype=torch.bool)]
-        self._require_floor(points, ~torch.isin(cells, shut))
-        gates = self._gates_of[cells]
+        gates = self._gates_of[self.cell_numbers(points, closed)]
         distance = (points.unsqueeze(-2) - self._gate_at[gates]).norm(dim=-1)
         return distance.masked_fill(gates < 0, torch.inf), gates
 
-    def _gate_distances(self, closed: tuple[bool, ...]) -> Tensor:
-        if closed not in self._between:
+    def _gate_distances(self, closed: ArrayLike | None) -> Tensor:
+        is_closed = self._is_closed(closed)
+        key = tuple(is_closed.tolist())
+        if key not in self._between:
             gates = self._gates_of.clone()
-            gates[self.routes.slots[torch.tensor(closed, dtype=torch.bool)]] = -1
+            gates[self.routes.slots[is_closed]] = -1
             # All gates of a cell can walk to each other straight.
             both = gates.unsqueeze(2).expand(-1, 4, 4)
             pairs = torch.stack([both, both.transpose(1, 2)], -1).flatten(0, 2)
@@ -148,16 +148,64 @@ class GroundTruthDistances:
             start, end = self._gate_at[pairs].unbind(1)
             lengths = (start - end).norm(dim=-1)
             between = shortest_lengths(pairs, lengths, len(self._gate_at))
-            self._between[closed] = between.float()
-        return self._between[closed]
+            self._between[key] = between.float()
+        return self._between[key]
 
 
 def _find_gates(routes: Routes) -> tuple[Tensor, Tensor]:
+    """Numbers of each cell's gates, -1 for walls, and where they are, in cells."""
     neighbours = routes.neighbours
     cell, side = (neighbours >= 0).nonzero().unbind(1)
-    other = neighbours[cell, side]
-    pair = torch.stack([torch.minimum(cell, other), torch.maximum(cell, other)], 1)
+    pair = torch.stack([cell, neighbours[cell, side]], 1).sort(1).values
     ends, gate = pair.unique(dim=0, return_inverse=True)
     gates_of = torch.full_like(neighbours, -1)
     gates_of[cell, side] = gate
     return gates_of, routes.cells[ends].float().mean(1).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class PairTruth:
+    """The truth about P pairs of poses; every tensor is ``[P]``."""
+
+    distance: Tensor  # on foot, in map units
+    straight: Tensor  # in map units
+    heading_difference: Tensor  # degrees in [0, 180]
+    decisions: Tensor  # steps and turns one after the other
+    least_decisions: Tensor  # the larger of both: one action may do both
+    through_wall: Tensor  # near in the plan, at least twice as far on foot
+
+
+def pair_truth(
+    distances: GroundTruthDistances,
+    positions: tuple[Tensor, Tensor],
+    headings: tuple[Tensor, Tensor],
+    *,
+    motion: Motion,
+) -> PairTruth:
+    """Measure pairs of poses, ``[P, 2]`` in map units and ``[P]`` in degrees.
+
+    Examples:
+        >>> distances = GroundTruthDistances(torch.ones(1, 4).bool(), cell_size=10)
+        >>> here, there = torch.tensor([[5.0, 5.0]]), torch.tensor([[10.0, 5.0]])
+        >>> headings = (torch.tensor([350.0]), torch.tensor([30.0]))
+        >>> motion = Motion(cell_size=10, step=2.5, turn=20)
+        >>> pair_truth(distances, (here, there), headings, motion=motion).decisions
+        tensor([4.])
+    """
+    anchor, other = positions
+    if anchor.shape != other.shape or anchor.shape[-1:] != (2,):
+        shapes = f"{tuple(anchor.shape)} and {tuple(other.shape)}"
+        raise ValueError(f"positions must be two of [P, 2], got {shapes}.")
+    difference = wrap_degrees(headings[0].reshape(-1) - headings[1].reshape(-1)).abs()
+    distance = distances.geodesic(anchor, other)
+    straight = (anchor - other).norm(dim=-1)
+    near = _NEAR_CELLS * distances.cell_size
+    steps, turns = distance / motion.step, difference / motion.turn
+    return PairTruth(
+        distance=distance,
+        straight=straight,
+        heading_difference=difference,
+        decisions=steps + turns,
+        least_decisions=torch.maximum(steps, turns),
+        through_wall=(straight <= near) & (distance >= 2 * near),
+    )

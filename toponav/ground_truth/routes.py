@@ -36,15 +36,6 @@ class Routes:
         tensor([      2, 1048576])
     """
 
-    #: int64 ``[N, 2]``; row and column of each open cell.
-    cells: Tensor
-    #: int64 ``[rows, cols]``; number of each open cell, -1 in the wall.
-    numbers: Tensor
-    #: int64 ``[N, 4]``; open cells to the north, south, west, east, -1 for wall.
-    neighbours: Tensor
-    #: int64 ``[K, N, N]``; steps from cell to cell, ``UNREACHABLE`` if cut off.
-    distances: Tensor
-
     def __init__(
         self, open_mask: Tensor, *, slot_cells: Sequence[tuple[int, int]] = ()
     ) -> None:
@@ -53,11 +44,14 @@ class Routes:
             got = f"{open_mask.dtype} {tuple(open_mask.shape)}"
             raise ValueError(f"open_mask must be bool [rows, cols], got {got}")
         self.shape = (open_mask.shape[0], open_mask.shape[1])
+        #: int64 ``[N, 2]``; row and column of each open cell.
         self.cells = open_mask.nonzero()
+        #: int64 ``[rows, cols]``; number of each open cell, -1 in the wall.
         self.numbers = torch.full(self.shape, -1)
         self.numbers[open_mask] = torch.arange(len(self.cells))
         padded = torch.nn.functional.pad(self.numbers, (1, 1, 1, 1), value=-1)
         row, column = (self.cells + 1).unbind(1)
+        #: int64 ``[N, 4]``; open cells to the north, south, west, east, -1 for wall.
         self.neighbours = torch.stack(
             [padded[row + down, column + right] for down, right in _STEPS], 1
         )
@@ -66,6 +60,7 @@ class Routes:
         if (self.slots < 0).any():
             raise ValueError(f"slot_cells must be open cells, got {slot_cells}")
         self._table_of: dict[tuple[bool, ...], int] = {}
+        #: int64 ``[K, N, N]``; steps from cell to cell, ``UNREACHABLE`` if cut off.
         self.distances = torch.empty(0, len(self.cells), len(self.cells)).long()
 
     def number(self, cell: Tensor) -> Tensor:

@@ -15,6 +15,11 @@ EFFECTS = {
     "forward+right": (1.0, -1.0),
 }
 _STEERED_BY = ("forward", "left", "right", "forward+left", "forward+right")
+#: Cells along the path at which an agent aims; above 1.4 the line to that point may
+#: cross a wall.
+_LOOKAHEAD = 1.25
+#: Degrees up to which it moves while it turns.
+_WIDEST = 60.0
 
 
 def require_motion(world: WorldSpec) -> Motion:
@@ -54,11 +59,7 @@ def point_ahead(
 class Steering:
     """Chooses the actions that follow a path in a world, cutting its corners.
 
-    Args:
-        world: with ground truth; its actions are looked up by name.
-        lookahead: cells along the path at which the agent aims; above 1.4 the line to
-            that point may cross a wall.
-        widest: degrees up to which the agent moves while it turns.
+    The world must report poses; its actions are looked up by name.
 
     Examples:
         >>> motion = Motion(cell_size=10, step=2.5, turn=20)
@@ -67,22 +68,17 @@ class Steering:
         tensor([0, 4, 5, 2])
     """
 
-    def __init__(
-        self, world: WorldSpec, *, lookahead: float = 1.25, widest: float = 60.0
-    ) -> None:
+    def __init__(self, world: WorldSpec) -> None:
         self.motion = require_motion(world)
         if not set(_STEERED_BY) <= set(world.actions):
             wanted, got = ", ".join(_STEERED_BY), ", ".join(world.actions)
             raise ValueError(f"world must have the actions {wanted}, got {got}")
         self.actions = {name: world.actions.index(name) for name in _STEERED_BY}
-        self.lookahead = lookahead
-        self.widest = widest
 
     def __call__(self, path: Tensor, position: Tensor, heading: Tensor) -> Tensor:
         """The actions ``[B]`` that follow paths of cell centres, the own cell first."""
         size = self.motion.cell_size
-        ahead = self.lookahead * size
-        aim = point_ahead(path, position, cell_size=size, lookahead=ahead)
+        aim = point_ahead(path, position, cell_size=size, lookahead=_LOOKAHEAD * size)
         return self.towards(wrap_degrees(bearing(position, aim) - heading))
 
     def towards(self, off: Tensor) -> Tensor:
@@ -90,5 +86,5 @@ class Steering:
         number, left = self.actions, off > 0
         moving = torch.where(left, number["forward+left"], number["forward+right"])
         on_the_spot = torch.where(left, number["left"], number["right"])
-        action = torch.where(off.abs() <= self.widest, moving, on_the_spot)
+        action = torch.where(off.abs() <= _WIDEST, moving, on_the_spot)
         return action.masked_fill(off.abs() <= self.motion.turn / 2, number["forward"])

@@ -57,7 +57,7 @@ def write_path(
         float(trace.headings[leg.episode, leg.start]),
         plan=_make_floor_plan(episodes, truth, leg.episode, leg.start),
         waypoints=truth.poses[:, :2],
-        edges=knowledge.map.edges[(knowledge.map.traversals > 0).any(1)],
+        edges=knowledge.map.edges[(knowledge.map.graph.traversals > 0).any(1)],
         planned=_first_plan(episodes, leg),
         cuts=cuts,
         title=f"episode {leg.episode}: {leg.decisions} decisions, "
@@ -112,7 +112,7 @@ def write_walk(
         trace.positions[0, :shown],
         trace.headings[0, :shown],
         np.asarray(episodes.views[:shown]),
-        _target_views(episodes, knowledge.map.images, shown),
+        _target_views(episodes, knowledge.map.waypoints.images, shown),
         episodes.goal,
         plan=_make_floor_plan(episodes, truth, 0, 0),
         captions=_captions(episodes, shown),

@@ -21,7 +21,6 @@ from toponav.graph import (
     WalkWaypoints,
     calibrate_reach,
     calibrate_share,
-    prepare_walks,
     share_curve,
 )
 from toponav.ground_truth import GroundTruthDistances, PairTruth, pair_truth
@@ -96,7 +95,7 @@ def write_reports(
     networks = validation.networks
     sequences = _embed_sequences(validation)
     with validation.autocast, one_thread():
-        walks = prepare_walks(sequences, networks.tc)
+        walks = [WalkWaypoints(one, networks.tc) for one in sequences]
         calibrations = _calibrate(networks, walks, config)
     # Ever closer to 1, where the waypoint share is steep, to just above tc_threshold.
     highest = math.log(1 / max(1 - networks.thresholds["tc_threshold"], 1e-6)) + 1
@@ -154,15 +153,13 @@ def _embed_sequences(validation: Validation) -> list[Tensor]:
 def _calibrate(
     networks: Networks, walks: list[WalkWaypoints], config: PretrainConfig
 ) -> dict[str, Calibration]:
-    tc = networks.tc
-    found = {"tc_threshold": calibrate_share(walks, tc, target_share=MAP_SHARE)}
+    found = {"tc_threshold": calibrate_share(walks, target_share=MAP_SHARE)}
     found["tc_reach"] = calibrate_reach(
         walks,
-        tc,
         tc_threshold=found["tc_threshold"].threshold,
         max_action_distance=config.pairs.k,
     )
-    found["reward_threshold"] = calibrate_share(walks, tc, target_share=REWARD_SHARE)
+    found["reward_threshold"] = calibrate_share(walks, target_share=REWARD_SHARE)
     networks.thresholds = {name: one.threshold for name, one in found.items()}
     return found
 

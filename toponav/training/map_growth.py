@@ -99,7 +99,7 @@ class MapGrowth(Consumer):
             self.truth.remember(batch)
         new_waypoints = self.map.extend(batch)
         if self.truth is not None and new_waypoints:
-            self.truth.place(self.map.origins, self.decisions)
+            self.truth.place(self.map.waypoints.origins, self.decisions)
         return {}
 
     def refresh(self, versions: Mapping[str, int]) -> None:

@@ -14,9 +14,7 @@ def grid():
 
 def make(grid, num_agents=1, **rules):
     rules = NavigatorRules(**({"tc_reach": 0.4} | rules))
-    localiser = Localiser(grid, compare, rules)
-    localiser.resize(num_agents)
-    return localiser
+    return Localiser(grid, compare, rules, num_agents)
 
 
 def at(*cells):
@@ -41,12 +39,11 @@ def test_it_looks_near_the_last_place_first(grid):
         away = (one.unsqueeze(1) - many).abs().sum(-1)
         return torch.where((many == at(GOAL)).all(-1), 0.9, (1 - away / 4).clamp(min=0))
 
-    localiser = Localiser(grid, seen, NavigatorRules(tc_reach=0.4, hops=1))
-    localiser.resize(1)
+    localiser = Localiser(grid, seen, NavigatorRules(tc_reach=0.4, hops=1), 1)
     localiser.place = torch.tensor([grid.number(START)])
     view = at((1, 2))
     assert localiser.locate(view).item() == grid.number((1, 2))
-    localiser.forget(torch.tensor([True]))
+    localiser.place = torch.tensor([-1])
     # 1 at (1, 2) itself; from (1, 2.5) it would be 0.875, less than the goal's 0.9.
     assert localiser.locate(at((1, 2.5))).item() == grid.number(GOAL)
     localiser.place = torch.tensor([grid.number(START)])
@@ -85,8 +82,7 @@ def test_agents_look_around_their_own_places(grid):
 
 
 def test_goal_views_that_pass_count_and_without_any_the_best(grid):
-    goals, localiser = GoalNodes(), make(grid)
-    goals.resize(2, 2, 2)
+    goals, localiser = GoalNodes(2, 2, 2, patience=None), make(grid)
     views = torch.stack([at(GOAL, (30, 30)), at((30, 30), (20, 20))])
     goals.begin(torch.tensor([0, 1]), views, localiser)
     assert goals.active.tolist() == [[True, False], [False, True]]
@@ -94,13 +90,18 @@ def test_goal_views_that_pass_count_and_without_any_the_best(grid):
 
 
 def test_a_goal_that_delivers_in_time_is_never_dropped(grid):
-    goals = GoalNodes(patience=3)
-    goals.resize(1, 1, 2)
+    goals = GoalNodes(1, 1, 2, patience=3)
     goals.begin(torch.tensor([0]), at(GOAL).unsqueeze(0), make(grid))
     place = torch.tensor([grid.number(GOAL)])
     for _ in range(5):
         assert not any(goals.wait(place).item() for _ in range(2))
         goals.restart(torch.tensor([True]))
+
+
+def make_sampler(**rules):
+    """For one agent."""
+    generator = torch.Generator().manual_seed(0)
+    return ActionSampler(1, NavigatorRules(tc_reach=0.4, **rules), generator)
 
 
 def draw(sampler, logits, number, known=True):
@@ -114,8 +115,7 @@ def draw(sampler, logits, number, known=True):
 
 @pytest.mark.parametrize("temperature", [0.5, 1.0])
 def test_actions_are_drawn_by_their_softmax(temperature):
-    sampler = ActionSampler(temperature=temperature)
-    sampler.resize(1)
+    sampler = make_sampler(temperature=temperature)
     logits = [0.0, 1.0, 0.5]
     expected = (torch.tensor(logits) / temperature).softmax(0)
     # Five standard deviations of 2000 draws: 5 * sqrt(0.25 / 2000) = 0.056.
@@ -125,8 +125,7 @@ def test_actions_are_drawn_by_their_softmax(temperature):
 
 
 def test_the_lost_draw_from_all_actions_alike():
-    sampler = ActionSampler(temperature=0.0)
-    sampler.resize(1)
+    sampler = make_sampler(temperature=0.0)
     share = draw(sampler, [0.0, 9.0, 0.0], 2000, known=False)
     torch.testing.assert_close(share, torch.full((3,), 1 / 3), atol=0.056, rtol=0)
     assert draw(sampler, [0.0, 9.0, 0.0], 5).tolist() == [0.0, 1.0, 0.0]
@@ -134,8 +133,7 @@ def test_the_lost_draw_from_all_actions_alike():
 
 def test_futile_actions_are_left_out_until_all_are():
     # The view never changes: each action is drawn once in three decisions.
-    sampler = ActionSampler(temperature=0.0, mask_noop_actions=True)
-    sampler.resize(1)
+    sampler = make_sampler(temperature=0.0, mask_noop_actions=True)
     known, view = torch.tensor([True]), torch.ones(1, 2)
     drawn = [
         sampler.draw(torch.tensor([[2.0, 1.0, 0.0]]), known, view).item()

@@ -12,8 +12,7 @@ RING = torch.tensor([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0]])
 @pytest.fixture
 def plans():
     """One agent, whose goal is 3."""
-    goals = GoalNodes()
-    goals.resize(1, 1, 4)
+    goals = GoalNodes(1, 1, 4, patience=20)
     goals.nodes[0], goals.counts[0] = 3, True
     made = Plans(Planner(6, RING, torch.ones(6)), goals, Blockages(1, 6))
     made.plan([0])
@@ -26,10 +25,10 @@ def closed(plans):
 
 def test_a_cut_closes_what_leads_over_its_level(plans):
     # From 1 the goal is 2 away, over 2; with it closed, 4 away, around.
-    plans.close(0, 1, 2.0, hops=0)
+    assert plans.close(0, 1, 2.0, hops=0) == 2
     assert closed(plans) == [[1, 2]]
     assert plans.cost(torch.tensor([1])).item() == 4.0
-    assert (plans.onward(0, 1), plans.onward(0, 3)) == (0, 3)
+    assert plans.ahead(torch.tensor([1]), 5).tolist() == [[0, 5, 4, 3, 3]]
 
 
 @pytest.mark.parametrize("hops", [2, 3, 20])

@@ -5,9 +5,7 @@ from toponav.graph.navigation.progress import Progress
 
 
 def make_progress(patience, agents=1):
-    progress = Progress(patience=patience)
-    progress.resize(agents)
-    return progress
+    return Progress(agents, patience=patience)
 
 
 def watch(progress, left, place=3):

@@ -1,5 +1,7 @@
 """`GoalNodes`: which waypoints stand for each agent's goal."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -7,35 +9,28 @@ from toponav.graph.navigation.localiser import Localiser
 
 
 class GoalNodes:
-    """The waypoints most similar to each agent's goal views, as a set of targets.
+    """The waypoints most similar to each of N agents' V goal views, as its targets.
 
     One view is now and then mapped to a wrong place, of several seldom all are. A view
     that passes no waypoint's ``tc_reach`` counts only if the agent's others do not
     either. A waypoint where the agent waits for the goal ``patience`` decisions in vain
-    is *dropped* until the episode ends; when all are dropped, the one dropped first
-    comes back.
+    is *dropped* until the episode ends; when all are, the one dropped first comes back.
 
     Reference:
         The paper, "Goal reaching process": "target localization is performed only once
         at the beginning of an episode".
     """
 
-    #: int64 ``[N, V]``; the waypoint of each of the V views of N agents.
-    nodes: Tensor
-    #: float32 ``[N, V, D]``, of the views.
-    embeddings: Tensor
-    #: bool ``[N, V]``; whether the view is like its waypoint.
-    counts: Tensor
-
-    def __init__(self, *, patience: int | None = 20) -> None:
-        self.patience = patience
-        self.resize(0, 1, 1)
-
-    def resize(self, num_agents: int, num_views: int, length: int) -> None:
-        """Begin with N agents that have no goal, and embeddings of ``length`` D."""
+    def __init__(
+        self, num_agents: int, num_views: int, length: int, *, patience: int | None
+    ) -> None:
+        self.patience = math.inf if patience is None else patience
         shape = (num_agents, num_views)
+        #: int64 ``[N, V]``, the waypoint of each view.
         self.nodes = torch.zeros(shape, dtype=torch.int64)
+        #: float32 ``[N, V, D]``, of the views.
         self.embeddings = torch.zeros(*shape, length)
+        #: bool ``[N, V]``, whether the view is like its waypoint.
         self.counts = torch.zeros(shape, dtype=torch.bool)
         self._waited = torch.zeros(shape, dtype=torch.int64)
         # When each was dropped, counted in drops; 0 for one that was not.
@@ -63,10 +58,8 @@ class GoalNodes:
 
         Returns the agents whose targets changed, bool ``[N]``.
         """
-        here = self.active & (self.nodes == place.unsqueeze(1))
+        here = self._are_at(place)
         self._waited += here
-        if self.patience is None:
-            return torch.zeros(len(place), dtype=torch.bool)
         late = here & (self._waited >= self.patience)
         if late.any():
             self._dropped[late] = self._dropped.max() + 1
@@ -82,6 +75,8 @@ class GoalNodes:
 
     def view_at(self, place: Tensor) -> Tensor:
         """The goal view of each agent that is at its goal, ``[N, D]``."""
-        here = self.active & (self.nodes == place.unsqueeze(1))
-        at = here.int().argmax(1)
+        at = self._are_at(place).int().argmax(1)
         return self.embeddings[torch.arange(len(at)), at]
+
+    def _are_at(self, place: Tensor) -> Tensor:
+        return self.active & (self.nodes == place.unsqueeze(1))

@@ -2,7 +2,10 @@
 
 from typing import Protocol
 
+import numpy as np
 import torch
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 from torch import Tensor
 
 from toponav.graph.rules import NavigatorRules
@@ -18,63 +21,46 @@ class Map(Protocol):
     @property
     def num_waypoints(self) -> int: ...
     @property
-    def embeddings(self) -> Tensor:
-        """Of the waypoints' views, float32 ``[W, D]``."""
-
+    def embeddings(self) -> Tensor: ...  # of the waypoints' views, float32 [W, D]
     @property
-    def prepared(self) -> Tensor:
-        """What a comparison needs of each waypoint, ``[W, P]``."""
-
+    def prepared(self) -> Tensor: ...  # what a comparison needs of each, [W, P]
     @property
-    def edges(self) -> Tensor:
-        """Undirected, each once, int64 ``[E, 2]``."""
-
+    def edges(self) -> Tensor: ...  # undirected, each once, int64 [E, 2]
     @property
-    def edge_cost(self) -> Tensor:
-        """Finite and above 0; float32 ``[E, 2]``, there and back, or ``[E]``."""
-
+    def edge_cost(self) -> Tensor: ...  # above 0, [E, 2], there and back, or [E]
     @property
-    def version(self) -> int:
-        """Changes with waypoints and edges."""
-
-    def neighbourhood(self, node: int, hops: int) -> Tensor:
-        """Waypoints at most ``hops`` edges away, int64 ``[K]``."""
+    def version(self) -> int: ...  # changes with waypoints and edges
 
 
 class Localiser:
-    """Maps each agent's view to the waypoint that is most similar to it.
+    """Maps the view of each of N agents to the waypoint that is most similar to it.
 
     First along the path that it walks, if it walks one; if no waypoint there passes
-    ``tc_reach``, among those at most ``hops`` edges away from its last place; then
-    among all; if none passes, the agent is lost. Looking near the last place first is
-    both cheaper and surer, since other parts of the maze may look alike. Looking along
-    the path keeps an agent on one route: explorers pass the same spot many times and
-    leave waypoints there from which different routes lead on.
+    ``tc_reach``, among those at most ``hops`` edges away from its last place, which is
+    cheaper and surer, since other parts of the maze may look alike; then among all; if
+    none passes, the agent is lost. The path first keeps it on one route: explorers pass
+    a spot many times and leave waypoints from which different routes lead on.
 
     Reference:
         The paper, Fig. 10. The path first: Savinov et al., "Semi-parametric topological
         memory for navigation" (2018), https://arxiv.org/abs/1803.00653
     """
 
-    #: int64 ``[N]``; the last place of each agent, -1 without one.
-    place: Tensor
-
-    def __init__(self, map: Map, compare: Compare, rules: NavigatorRules) -> None:
+    def __init__(
+        self, map: Map, compare: Compare, rules: NavigatorRules, num_agents: int = 0
+    ) -> None:
         if not map.num_waypoints:
             raise ValueError("the map must have a waypoint to be at, got an empty map")
         self.map = map
         self.compare = compare
         self.rules = rules
-        self.resize(0)
-
-    def resize(self, num_agents: int) -> None:
-        """Begin with N agents that have no place, and with the map as it is now."""
-        self._near: dict[int, Tensor] = {}
+        #: int64 ``[N]``, the last place of each agent, -1 without one.
         self.place = torch.full((num_agents,), -1)
-        self._square = self.map.embeddings.float().square().sum(1).cpu()
-
-    def forget(self, agents: Tensor) -> None:
-        self.place[agents] = -1
+        ends = map.edges.cpu().numpy()
+        entries = (np.ones(len(ends)), (ends[:, 0], ends[:, 1]))
+        self._graph = csr_array(entries, shape=(map.num_waypoints,) * 2)
+        self._near: dict[int, Tensor] = {}
+        self._square = map.embeddings.float().square().sum(1).cpu()
 
     def locate(self, embedding: Tensor, path: Tensor | None = None) -> Tensor:
         """The place of each agent by its view ``[N, D]``, -1 for those that are lost.
@@ -140,7 +126,12 @@ class Localiser:
         return self.compare(embedding, prepared).float().cpu()
 
     def _around(self, node: int) -> Tensor:
+        """The waypoint and those at most ``hops`` edges away, int64 ``[M]``."""
         if node not in self._near:
-            near = self.map.neighbourhood(node, self.rules.hops).cpu()
+            hops = self.rules.hops
+            steps = dijkstra(
+                self._graph, directed=False, indices=node, unweighted=True, limit=hops
+            )
+            near = torch.from_numpy(np.isfinite(steps)).nonzero().flatten()
             self._near[node] = torch.cat([torch.tensor([node]), near[near != node]])
         return self._near[node]

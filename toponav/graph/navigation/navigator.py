@@ -33,9 +33,7 @@ from toponav.keys import (
 
 #: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
 Locomotion = Callable[[Tensor, Tensor], Tensor]
-
 _DECIDED = [PLACE, TARGET, GOAL_NODE, PATH_COST, NUM_CUTS, CUT_FROM, CUT_TO, LOST]
-_OUT_KEYS = [ACTION, *_DECIDED]
 
 
 class Navigator(TensorDictModuleBase):
@@ -58,9 +56,10 @@ class Navigator(TensorDictModuleBase):
        once, and looks for its place off the path too. If no path is left, the oldest
        cut opens again.
 
-    A reward of ``goal_reward`` means that the agent has been put elsewhere: it forgets
-    its place and looks at the whole map. Closed edges and dropped goal waypoints stay
-    until the episode ends.
+    Closed edges and dropped goal waypoints stay until the episode ends. It writes the
+    action, int64 ``[*B]``, and what it decided, each ``[*B, 1]``: place, target, goal
+    waypoint, cost of the path, number of cuts, both ends of a cut made now, and whether
+    the agent is lost.
 
     It is a policy for any TorchRL collector or rollout, with any batch shape. It keeps
     its state itself, one row an env, and resets it where ``is_init`` is true, so one
@@ -77,15 +76,13 @@ class Navigator(TensorDictModuleBase):
         compare: embeddings ``[N, D]`` and prepared waypoints ``[N, M, P]`` to
             similarities ``[N, M]`` in [0, 1].
         locomotion: embeddings here and there to logits of the actions that lead there.
-        rules: how it finds its place, plans, walks and gives up.
-        goal_reward: a reward of at least this much means that the goal was reached;
+        rules: its choices.
+        goal_reward: a reward of at least this much means that the goal was reached and
+            the agent put elsewhere, so that it looks for its place on the whole map;
             ``None`` if that ends the episode or never happens: no reward is then read.
         in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
             ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
             and, with a ``goal_reward``, of the reward before (`PreviousReward`).
-        out_keys: of the action, int64 ``[*B]``, and of what was decided, each
-            ``[*B, 1]``: place, target, goal waypoint, cost of the path, number of cuts,
-            both ends of a cut made now, and whether the agent is lost.
         seed: of the actions drawn.
     """
 
@@ -99,7 +96,6 @@ class Navigator(TensorDictModuleBase):
         *,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
-        out_keys: Sequence[NestedKey] | None = None,
         seed: int = 0,
     ) -> None:
         super().__init__()
@@ -107,38 +103,33 @@ class Navigator(TensorDictModuleBase):
         if goal_reward is not None:
             wanted.append(PREVIOUS_REWARD)
         self.in_keys = wanted if in_keys is None else list(in_keys)
-        self.out_keys = list(_OUT_KEYS if out_keys is None else out_keys)
-        if len(self.in_keys) != len(wanted) or len(self.out_keys) != len(_OUT_KEYS):
-            raise ValueError(
-                f"in_keys must be {len(wanted)} and out_keys {len(_OUT_KEYS)}, got "
-                f"{self.in_keys} and {self.out_keys}"
-            )
+        self.out_keys = [ACTION, *_DECIDED]
+        if len(self.in_keys) != len(wanted):
+            raise ValueError(f"in_keys must be {len(wanted)}, got {self.in_keys}")
         self.map = map
         self.embed = embed
+        self.compare = compare
         self.locomotion = locomotion
         self.rules = rules
         self.goal_reward = goal_reward
+        self.generator = torch.Generator().manual_seed(seed)
         self.localiser = Localiser(map, compare, rules)
-        self.goals = GoalNodes(patience=rules.goal_patience)
-        self.progress = Progress(patience=rules.block_after)
-        self.sampler = ActionSampler(
-            temperature=rules.temperature,
-            mask_noop_actions=rules.mask_noop_actions,
-            seed=seed,
-        )
         # Number of agents and version of the map that the state is for.
         self._made_for: tuple[int, int] | None = None
 
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
-        planner = Planner(self.map.num_waypoints, self.map.edges, self.map.edge_cost)
+        rules, known = self.rules, self.map
+        planner = Planner(known.num_waypoints, known.edges, known.edge_cost)
+        self.localiser = Localiser(known, self.compare, rules, num_agents)
+        self.goals = GoalNodes(
+            num_agents, num_goal_views, length, patience=rules.goal_patience
+        )
         self.blockages = Blockages(
-            num_agents, len(planner.edges), fade_after=self.rules.fade_after
+            num_agents, len(planner.edges), fade_after=rules.fade_after
         )
         self.plans = Plans(planner, self.goals, self.blockages)
-        self.localiser.resize(num_agents)
-        self.goals.resize(num_agents, num_goal_views, length)
-        self.progress.resize(num_agents)
-        self.sampler.resize(num_agents)
+        self.progress = Progress(num_agents, patience=rules.block_after)
+        self.sampler = ActionSampler(num_agents, rules, self.generator)
         # Decisions for which an agent still acts at random.
         self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
         # Who closed an edge in the decision before.
@@ -170,8 +161,21 @@ class Navigator(TensorDictModuleBase):
         self._gave_up = (cut >= 0).any(1)
         if self._gave_up.any():
             place, target = self._aim(place, embedding)
+        decided = (
+            place,
+            target.masked_fill(target == place, -1),
+            self.plans.end(place),
+            self.plans.cost(place).float(),
+            self.blockages.num_cuts,
+            *cut.unbind(1),
+            place < 0,
+        )
+        shape, device = tensordict.batch_size, tensordict.device
         action = self._act(place, target, embedding)
-        return self._write(tensordict, action, place, target, cut)
+        tensordict.set(ACTION, action.reshape(shape).to(device))
+        for key, value in zip(_DECIDED, decided, strict=True):
+            tensordict.set(key, value.reshape(*shape, 1).to(device))
+        return tensordict
 
     def _begin(self, begins: Tensor, goal_views: Tensor) -> None:
         agents = begins.nonzero().flatten()
@@ -186,7 +190,7 @@ class Navigator(TensorDictModuleBase):
 
     def _restart(self, agents: Tensor) -> None:
         """These agents, bool ``[N]``, have been put elsewhere."""
-        self.localiser.forget(agents)
+        self.localiser.place[agents] = -1
         self.progress.forget(agents)
         self.goals.restart(agents)
         self.sampler.forget(agents)
@@ -230,8 +234,9 @@ class Navigator(TensorDictModuleBase):
         ends = torch.full((len(place), 2), -1)
         for agent in stuck.nonzero().flatten().tolist():
             node, level, reach = self.progress.give_up(agent)
-            ends[agent] = torch.tensor([node, self.plans.onward(agent, node)])
-            self.plans.close(agent, node, level, hops=min(reach, self.rules.hops))
+            hops = min(reach, self.rules.hops)
+            onward = self.plans.close(agent, node, level, hops=hops)
+            ends[agent] = torch.tensor([node, onward])
         return ends
 
     def _act(self, place: Tensor, target: Tensor, embedding: Tensor) -> Tensor:
@@ -240,26 +245,3 @@ class Navigator(TensorDictModuleBase):
         there = torch.where(at_goal.unsqueeze(1), self.goals.view_at(place), there)
         logits = self.locomotion(embedding, there.to(embedding.device))
         return self.sampler.draw(logits.float().cpu(), place >= 0, embedding.cpu())
-
-    def _write(
-        self,
-        tensordict: TensorDictBase,
-        action: Tensor,
-        place: Tensor,
-        target: Tensor,
-        cut: Tensor,
-    ) -> TensorDictBase:
-        decided = (
-            place,
-            target.masked_fill(target == place, -1),
-            self.plans.end(place),
-            self.plans.cost(place).float(),
-            self.blockages.num_cuts,
-            *cut.unbind(1),
-            place < 0,
-        )
-        shape, device = tensordict.batch_size, tensordict.device
-        tensordict.set(self.out_keys[0], action.reshape(shape).to(device))
-        for key, value in zip(self.out_keys[1:], decided, strict=True):
-            tensordict.set(key, value.reshape(*shape, 1).to(device))
-        return tensordict

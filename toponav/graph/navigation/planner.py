@@ -9,6 +9,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from torch import Tensor
 
+from toponav.graph.waypoint_graph import check_edges
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -23,9 +25,8 @@ class Planner:
     """Finds the cheapest paths by Dijkstra's algorithm, on edges that may be closed.
 
     One search from all goals at once gives the path from every waypoint, so that an
-    agent that leaves its path, or is mistaken about its place, needs no new search.
-    Edges ``[E, 2]`` are undirected, each once; ``edge_cost`` is ``[E, 2]``, from the
-    first end to the second and back, or ``[E]``.
+    agent that leaves its path needs no new search. Edges ``[E, 2]`` are undirected,
+    each once; ``edge_cost`` is ``[E, 2]``, there and back, or ``[E]``.
 
     Reference:
         The paper, "Goal reaching process", eq. 15.
@@ -40,11 +41,7 @@ class Planner:
     """
 
     def __init__(self, num_nodes: int, edges: Tensor, edge_cost: Tensor) -> None:
-        if len(edges) and not 0 <= int(edges.min()) <= int(edges.max()) < num_nodes:
-            got = f"{int(edges.min())} to {int(edges.max())}"
-            raise ValueError(
-                f"edges must join waypoints 0 to {num_nodes - 1}, got {got}"
-            )
+        check_edges(edges, num_nodes)
         if not bool(((edge_cost > 0) & edge_cost.isfinite()).all()):
             got = f"{float(edge_cost.min()):g} to {float(edge_cost.max()):g}"
             raise ValueError(f"edge_cost must be finite and above 0, got {got}")
@@ -59,36 +56,25 @@ class Planner:
 
     def plan(self, goals: Sequence[int], closed: Tensor | None = None) -> Plan:
         """The paths to the nearest of ``goals`` around ``closed`` edges ``[E]``."""
-        is_open = torch.ones_like(self._cost, dtype=torch.bool)
+        here, there, edge_cost = self._here, self._there, self._cost
         if closed is not None:
             is_open = ~closed.cpu().repeat(2)
-        here, there = self._here[is_open], self._there[is_open]
-        cost = self._cost[is_open]
-        costs = self._search(goals, here, there, cost)
-        return Plan(costs, self._onward(costs, here, there, cost))
-
-    def _search(
-        self, goals: Sequence[int], here: Tensor, there: Tensor, cost: Tensor
-    ) -> Tensor:
-        if not len(goals):
-            return torch.full((self.num_nodes,), torch.inf, dtype=torch.float64)
-        backwards = csr_array(
-            (cost.numpy(), (there.numpy(), here.numpy())),
-            shape=(self.num_nodes, self.num_nodes),
-        )
-        sources = np.unique(np.asarray(goals))
-        return torch.from_numpy(dijkstra(backwards, indices=sources, min_only=True))
-
-    def _onward(
-        self, costs: Tensor, here: Tensor, there: Tensor, edge_cost: Tensor
-    ) -> Tensor:
-        """The neighbour through which each cost comes; of several the lowest."""
+            here, there, edge_cost = here[is_open], there[is_open], edge_cost[is_open]
+        costs = torch.full((self.num_nodes,), torch.inf, dtype=torch.float64)
+        if len(goals):
+            entries = (edge_cost.numpy(), (there.numpy(), here.numpy()))
+            backwards = csr_array(entries, shape=(self.num_nodes, self.num_nodes))
+            sources = np.unique(np.asarray(goals))
+            costs = torch.from_numpy(
+                dijkstra(backwards, indices=sources, min_only=True)
+            )
+        # Onward is the neighbour through which each cost comes; of several the lowest.
         through = edge_cost + costs[there]
         is_best = (through == costs[here]) & through.isfinite()
-        onward = torch.full_like(costs, self.num_nodes, dtype=torch.int64)
-        onward = onward.scatter_reduce(0, here[is_best], there[is_best], "amin")
-        stay = torch.arange(self.num_nodes)
-        return torch.where(onward == self.num_nodes, stay, onward)
+        onward = torch.arange(self.num_nodes).scatter_reduce(
+            0, here[is_best], there[is_best], "amin", include_self=False
+        )
+        return Plan(costs, onward)
 
     def edge_numbers(self, start: Tensor, end: Tensor) -> Tensor:
         """Numbers of the edges that join waypoints ``[*B]``, -1 where there is none."""

@@ -1,5 +1,6 @@
 """`Plans` and `Blockages`: the plan of each agent, and the edges that it closed."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -13,22 +14,20 @@ from toponav.graph.navigation.planner import Plan, Planner
 class Blockages:
     """Edges of a map that agents closed after they failed to get through.
 
-    A *cut* closes several edges at once: the one that failed and those beside it. They
-    are opened again together, the oldest cut first, after ``fade_after`` decisions or
-    when no path is left.
+    A *cut* closes the edge that failed and those beside it. They are opened again
+    together, the oldest cut first, after ``fade_after`` decisions or when no path is
+    left.
 
     Reference:
         The paper, "Goal reaching process": "find the connections that traverse
         blockages and set their path cost to infinity".
     """
 
-    #: bool ``[N, E]``.
-    closed: Tensor
-
     def __init__(
         self, num_agents: int, num_edges: int, *, fade_after: int | None = None
     ) -> None:
-        self.fade_after = fade_after
+        self.fade_after = math.inf if fade_after is None else fade_after
+        #: bool ``[N, E]``.
         self.closed = torch.zeros(num_agents, num_edges, dtype=torch.bool)
         # When each cut was made, and its edges.
         self._cuts = [deque[tuple[int, Tensor]]() for _ in range(num_agents)]
@@ -65,8 +64,6 @@ class Blockages:
         """Count a decision; cuts that are old enough open, of agents bool ``[N]``."""
         self._now += 1
         changed = torch.zeros(len(self._cuts), dtype=torch.bool)
-        if self.fade_after is None:
-            return changed
         for agent, cuts in enumerate(self._cuts):
             while cuts and self._now - cuts[0][0] >= self.fade_after:
                 changed[agent] = self.reopen_oldest(agent)
@@ -116,9 +113,6 @@ class Plans:
             found.append(node)
         return torch.cat(found, 1)
 
-    def onward(self, agent: int, node: int) -> int:
-        return int(self._onward[agent, node])
-
     def is_closed_to(self, place: Tensor, path: Tensor) -> Tensor:
         """Whether a closed edge joins each place with those of a path ``[N, L]``."""
         if not self.blockages.closed.any():
@@ -141,12 +135,14 @@ class Plans:
                     break
                 self.plan([agent])
 
-    def close(self, agent: int, place: int, level: float, *, hops: int) -> None:
+    def close(self, agent: int, place: int, level: float, *, hops: int) -> int:
         """Close what leads nearer to the goal than a cost ``level``, near a place.
 
         If no path would be left from there, less is closed: what lies half as far away
-        as ``hops`` edges, and so on, finally the edges of the place alone.
+        as ``hops`` edges, and so on, finally the edges of the place alone. Returns the
+        waypoint to which the path led on.
         """
+        onward = int(self._onward[agent, place])
         closed, costs = self.blockages.closed[agent], self._costs[agent].clone()
         while True:
             edges = self.planner.edges_across(place, costs, level, closed, hops=hops)
@@ -156,6 +152,7 @@ class Plans:
             hops //= 2
         self.blockages.cut(agent, edges)
         self.plan([agent])
+        return onward
 
     def _search(self, agent: int, closed: Tensor) -> Plan:
         goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()

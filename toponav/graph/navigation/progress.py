@@ -14,26 +14,21 @@ class Progress:
     """Watches the remaining cost of each agent's path over its last decisions.
 
     An agent is *stuck* once the second half of its last ``patience`` decisions brought
-    it no nearer to the goal than the first half, by the median of the remaining cost.
-    Medians, since an agent mistakes its place now and then. It does not matter which
-    edge was tried: an agent before a closed corridor stands at many waypoints in turn.
-
-    Most agents that are stuck only fail to turn a corner, for which it is enough to
-    give up one edge. The *reach* of a cut therefore grows with each that comes soon
-    after another: 0, 1, 3, 7 and so on edges around the place.
+    it no nearer to the goal than the first half, by the median of the remaining cost,
+    since it mistakes its place now and then. With ``None`` it is never stuck. Which
+    edge was tried does not matter: before a closed corridor it stands at many waypoints
+    in turn. Most that are stuck only fail to turn a corner, for which one edge less is
+    enough. The *reach* of a cut therefore grows with each that comes soon after
+    another: 0, 1, 3, 7 and so on edges around the place.
 
     Reference:
         The paper, "Goal reaching process": "if the goal is not reached within a certain
-        number of time steps". Here it is counted from each new plan, since the whole
-        path to a goal takes longer than it takes to be sure of one blockage.
+        number of time steps". Here it is counted from each new plan.
     """
 
-    def __init__(self, *, patience: int | None = 40) -> None:
+    def __init__(self, num_agents: int, *, patience: int | None) -> None:
         self.patience = patience
-        self.resize(0)
-
-    def resize(self, num_agents: int) -> None:
-        length = self.patience or 1
+        length = patience or 1
         # The last decisions with a path to the goal, the newest last.
         self._cost = torch.zeros(num_agents, length, dtype=torch.float64)
         self._place = torch.full((num_agents, length), -1)
@@ -60,11 +55,10 @@ class Progress:
         if self.patience is None:
             return torch.zeros(len(place), dtype=torch.bool)
         walks = (place >= 0) & cost.isfinite() & (cost > 0)
-        row = walks.nonzero().squeeze(1)
         for kept, new in ((self._cost, cost.double()), (self._place, place)):
-            kept[row] = torch.cat([kept[row, 1:], new[row].unsqueeze(1)], 1)
-        self._count[row] += 1
-        self._since_cut[row] += 1
+            kept[walks] = torch.cat([kept[walks, 1:], new[walks].unsqueeze(1)], 1)
+        self._count += walks
+        self._since_cut += walks
         self._reach[self._since_cut > _SOON * self.patience] = 0
         half = self.patience // 2
         before = self._cost[:, :half].median(1).values

@@ -1,6 +1,5 @@
 """The paper's navigator: localises itself on the map, plans, and walks."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import torch
@@ -61,7 +60,6 @@ class NavigatorMap:
         edges: int64 ``[E, 2]``.
         edge_cost: float32 ``[E, 2]``, there and back.
         version: of the map.
-        neighbourhood: from a waypoint and a number of edges to the waypoints around.
     """
 
     num_waypoints: int
@@ -70,7 +68,6 @@ class NavigatorMap:
     edges: Tensor
     edge_cost: Tensor
     version: int
-    neighbourhood: Callable[[int, int], Tensor]
 
 
 def make_navigator(
@@ -101,10 +98,10 @@ def make_navigator(
     embeddings = known.embeddings
     if not is_shared:
         with torch.no_grad():
-            parts = known.images.split(_VIEWS_AT_ONCE)
+            parts = known.waypoints.images.split(_VIEWS_AT_ONCE)
             own = torch.cat([locomotion.encoder(part).float() for part in parts])
         embeddings = torch.cat([embeddings, own], 1)
-    cost = torch.where(known.traversals > 0, 1.0, config.untraversed_edge_cost)
+    cost = torch.where(known.graph.traversals > 0, 1.0, config.untraversed_edge_cost)
     navigator_map = NavigatorMap(
         num_waypoints=known.num_waypoints,
         embeddings=embeddings,
@@ -112,14 +109,13 @@ def make_navigator(
         edges=known.edges,
         edge_cost=cost.float(),
         version=known.version,
-        neighbourhood=known.neighbourhood,
     )
     return Navigator(
         navigator_map,
         embed,
         compare,
         act,
-        config.rules(tc_reach=known.tc_reach),
+        config.rules(tc_reach=known.rules.tc_reach),
         goal_reward=knowledge.world.goal_reward,
         seed=seed,
     )
