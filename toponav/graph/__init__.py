@@ -25,4 +25,3 @@ from toponav.graph.rules import MapRules as MapRules, NavigatorRules as Navigato
 from toponav.graph.sparsify import sparsify as sparsify
 from toponav.graph.topological_map import TopologicalMap as TopologicalMap
 from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph
-from toponav.graph.waypoints import Compare as Compare, Embed as Embed

@@ -46,11 +46,6 @@ class Track:
         self.stop = max(len(self.frames) - missing, self.cursor)
         self.places = []
 
-    def map_next(self, place: int) -> None:
-        self.place = place
-        self.places.append(place)
-        self.cursor += 1
-
     def drop_decided(self, context: int) -> None:
         start = max(self.cursor - context, 0)
         self.frames = self.frames[start:].clone()
@@ -226,7 +221,9 @@ class Discovery:
             self.rules.edges != "reach" or self.graph.has_edge(before, place)
         ):
             self.graph.traverse(before, place)
-        track.map_next(place)
+        track.place = place
+        track.places.append(place)
+        track.cursor += 1
 
     def _add_waypoint(
         self, track: Track, candidates: Tensor, similarity: Tensor

@@ -21,16 +21,15 @@ class TopologicalMap:
     Observations are fed in the order in which they were made, as episodes or as a
     collector's batches. Each is mapped to a waypoint or becomes one, by `MapRules`:
 
-    1. its similarity to a waypoint is the mean over the ``window`` observations on
-       either side of it and itself;
+    1. its similarity to a waypoint is the mean over ``window`` observations on either
+       side of it and itself;
     2. it stays at the last waypoint while that passes ``tc_threshold``
-       (``hysteresis``); if not, the most similar one of the ``nearby`` waypoints
-       around the last takes over;
-    3. if none of them passes, the most similar one of the ``shortlist`` of all
-       waypoints does, by the mean over ``search_window`` observations on either side:
-       a leap through the map must be backed by more than one view;
-    4. if none at all passes, the observation becomes a waypoint. That is eq. 9's
-       elimination for the first episode and eq. 11's extension for all later ones.
+       (``hysteresis``); if not, the most similar of the ``nearby`` ones takes over;
+    3. if none of them passes, the most similar of the ``shortlist`` of all waypoints
+       does, by the mean over ``search_window`` observations on either side: a leap
+       through the map must be backed by more than one view;
+    4. if none at all passes, it becomes a waypoint: eq. 9's elimination for the first
+       episode, and eq. 11's extension for all later ones.
 
     A new waypoint is linked with those that it reaches, ``similarity > tc_reach``, and
     with the one before it in time (eqs. 10 and 12); a step from one known waypoint to

@@ -22,11 +22,10 @@ class Evidence:
 
 
 class WaypointGraph:
-    """Edges between waypoints 0 to W - 1.
+    """Undirected edges between waypoints 0 to W - 1.
 
-    Edges are undirected, but each knows in which direction it was traversed: an agent
-    that walked from one view to another seldom knows how to walk back, since that is
-    backwards, looking the same way.
+    Each knows in which direction it was traversed: who walked from one view to another
+    seldom knows how to walk back, since that is backwards, looking the same way.
 
     Examples:
         >>> graph = WaypointGraph(untraversed_edge_cost=3.0)
@@ -48,10 +47,7 @@ class WaypointGraph:
 
     @property
     def edges(self) -> Tensor:
-        """Undirected, each once, the lower waypoint first, in order; int64 ``[E, 2]``.
-
-        The other properties have a row for each.
-        """
+        """Each once, the lower waypoint first, in order; int64 ``[E, 2]``."""
         return self._edge_arrays()[0]
 
     @property
@@ -133,9 +129,9 @@ class WaypointGraph:
             self._change()
 
     def update_similarities(self, similarity: Tensor, least: float) -> int:
-        """Give all edges new similarities ``[E]``; drop and count unsupported ones.
+        """Give all edges new similarities ``[E]``.
 
-        An edge that was never traversed stays if its similarity is above ``least``.
+        Those that were never traversed and are not above ``least`` go and are counted.
         """
         num_dropped = 0
         ends = self.edges.tolist()

@@ -133,8 +133,7 @@ class Waypoints:
     def shortlist(self, embedding: Tensor, most: int | None) -> Tensor:
         """The ``most`` waypoints whose entries are nearest to that of a view ``[D]``.
 
-        Far cheaper than comparing, and a good guess: of 250 views in a map of 1,600,
-        the most similar waypoint was among the nearest 32 each time.
+        Of 250 views in a map of 1,600 the most similar was among the nearest 32.
         """
         if most is None or most >= len(self):
             return torch.arange(len(self))

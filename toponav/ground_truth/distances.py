@@ -29,11 +29,11 @@ def cell_centres(cells: Tensor, num_rows: int, cell_size: float) -> Tensor:
 class GroundTruthDistances:
     """Walking distance between any two points of a maze's floor, walls respected.
 
-    Points that see each other are as far apart as the straight line. Otherwise the path
-    leads through gates, the middles of the edges between neighbouring cells, which is
-    at most a little longer than a rope around the corners. Points ``[*B, 2]`` are in
-    map units; one that does not lie on the floor raises ``ValueError``. ``slot_cells``
-    are row and column of the slots, which ``open_mask`` counts as floor.
+    It is the straight line between points that see each other. Other paths lead through
+    gates, the middles of the edges between neighbouring cells, and are a little longer
+    than a rope around the corners. Points ``[*B, 2]`` are in map units; one that is not
+    on the floor raises ``ValueError``. ``slot_cells`` are row and column of the slots,
+    which ``open_mask`` counts as floor.
 
     Examples:
         >>> ring = torch.tensor([[1, 1, 1], [1, 0, 1], [1, 1, 1]]).bool()
@@ -51,6 +51,7 @@ class GroundTruthDistances:
         slot_cells: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.routes = Routes(open_mask, slot_cells=slot_cells)
+        self.open_mask = torch.as_tensor(open_mask)
         self.cell_size = cell_size
         self.slot_cells = list(slot_cells)
         self._gates_of, at = _find_gates(self.routes)
@@ -69,8 +70,8 @@ class GroundTruthDistances:
         self, start: ArrayLike, end: ArrayLike, closed: ArrayLike | None = None
     ) -> Floats:
         """`geodesic` of arrays, twice ``[*B, 2]`` to float64 ``[*B]``."""
-        ends = [torch.from_numpy(np.array(at, np.float32)) for at in (start, end)]
-        return np.asarray(self.geodesic(*ends, closed=closed), np.float64)
+        one, other = (torch.from_numpy(np.array(at, np.float32)) for at in (start, end))
+        return np.asarray(self.geodesic(one, other, closed), np.float64)
 
     def geodesic(
         self, start: Tensor, end: Tensor, closed: ArrayLike | None = None
@@ -104,7 +105,7 @@ class GroundTruthDistances:
         self, start: Tensor, end: Tensor, closed: ArrayLike | None = None
     ) -> Tensor:
         """Whether the line stays on the floor: it changes its cell only at the grid."""
-        mask = self.routes.numbers >= 0
+        mask = self.open_mask.clone()
         row, column = self.routes.cells[self.routes.slots].unbind(1)
         mask[row, column] = ~self._is_closed(closed)
         floor = mask.flip(0).T  # [x, y] in cells

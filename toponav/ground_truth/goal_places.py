@@ -20,16 +20,9 @@ def pick_goal_views(
 ) -> Ints:
     """The pictures of K places in V directions from east on, int ``[K, V]``, or -1.
 
-    Those taken up to ``reach`` cells on foot from the middle of a place are ranked by
-    both distance and direction.
-
-    Args:
-        positions: where the P pictures were taken, ``[P, 2]`` in map units.
-        headings: in which direction, ``[P]`` in degrees.
-        cells: row and column of the places, ``[K, 2]``.
-        distances: of the maze.
-        num_views: V.
-        reach: in cells.
+    Of all pictures, taken at ``positions`` ``[P, 2]`` in map units with ``headings``
+    ``[P]`` in degrees, those up to ``reach`` cells on foot from the middle of a place,
+    one of ``cells`` ``[K, 2]``, are ranked by both distance and direction.
 
     Examples:
         >>> import torch

@@ -24,9 +24,9 @@ def shortest_lengths(edges: Tensor, lengths: Tensor, num_nodes: int) -> Tensor:
 class Routes:
     """Numbers of steps between all open cells, for every set of closed slots.
 
-    Open cells are numbered row by row. A table of all pairs is computed the first time
-    that a set of closed slots is asked for, so one lookup serves a batch of agents in
-    mazes that differ in their closed slots. Arguments as in `GroundTruthDistances`.
+    Open cells are numbered row by row. A table of all pairs is computed when a set of
+    closed slots is first asked for, so that one lookup serves a batch of agents in
+    mazes with different ones. Arguments as in `GroundTruthDistances`.
 
     Examples:
         >>> mask = torch.tensor([[True, True, True], [True, False, True]])

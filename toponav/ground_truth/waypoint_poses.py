@@ -13,8 +13,6 @@ _BACK = 64
 class WaypointPoses:
     """Records the poses of a map's waypoints from the batches that the map is fed.
 
-    It is for evaluation: neither the map nor an agent reads it.
-
     Examples:
         >>> from tensordict import TensorDict
         >>> place = {"position": torch.tensor([[[10.0, 20.0], [30.0, 40.0]]])}

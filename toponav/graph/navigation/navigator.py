@@ -72,9 +72,7 @@ class Navigator(TensorDictModuleBase):
 
     Args:
         map: such as a `TopologicalMap`, not empty.
-        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
-        compare: embeddings ``[N, D]`` and prepared waypoints ``[N, M, P]`` to
-            similarities ``[N, M]`` in [0, 1].
+        embed, compare: as in `TopologicalMap`.
         locomotion: embeddings here and there to logits of the actions that lead there.
         rules: its choices.
         goal_reward: a reward of at least this much means that the goal was reached and

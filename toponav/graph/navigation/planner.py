@@ -1,7 +1,7 @@
 """`Planner`: the cheapest paths over a map to the nearest of several waypoints."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,8 +12,7 @@ from torch import Tensor
 from toponav.graph.waypoint_graph import check_edges
 
 
-@dataclass(frozen=True)
-class Plan:
+class Plan(NamedTuple):
     """The cheapest paths from every waypoint to the nearest goal."""
 
     costs: Tensor  # float64 [W], infinite without a path
@@ -32,8 +31,6 @@ class Planner:
         The paper, "Goal reaching process", eq. 15.
 
     Examples:
-        A square with an expensive side:
-
         >>> edges = torch.tensor([[0, 1], [1, 2], [2, 3], [0, 3]])
         >>> planner = Planner(4, edges, torch.tensor([1.0, 1.0, 1.0, 3.0]))
         >>> planner.plan([2]).costs.tolist(), planner.plan([2]).onward.tolist()

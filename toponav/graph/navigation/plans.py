@@ -92,9 +92,8 @@ class Plans:
     def plan(self, agents: Sequence[int]) -> None:
         """Plan again for some agents."""
         for agent in agents:
-            plan = self._search(agent, self.blockages.closed[agent])
-            self._costs[agent] = plan.costs
-            self._onward[agent] = end = plan.onward
+            costs, end = self._search(agent, self.blockages.closed[agent])
+            self._costs[agent], self._onward[agent] = costs, end
             # Each round doubles the steps taken along all paths at once.
             for _ in range(len(end).bit_length()):
                 end = end[end]
