@@ -109,5 +109,3 @@ def test_there_must_be_sequences_and_pairs():
         calibrate_share([], target_share=MAP_SHARE)
     with pytest.raises(ValueError, match="must hold two observations"):
         calibrate_reach(walks(1, 1), tc_threshold=0.9)
-    with pytest.raises(ValueError, match="pass_rate must lie in"):
-        calibrate_reach(walks(1, 5), tc_threshold=0.9, pass_rate=1.0)

@@ -22,6 +22,8 @@ from toponav.graph.navigation.navigator import (
 from toponav.graph.navigation.planner import Plan as Plan, Planner as Planner
 from toponav.graph.pieces import MapKeys as MapKeys
 from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
-from toponav.graph.sparsify import sparsify as sparsify
-from toponav.graph.topological_map import TopologicalMap as TopologicalMap
+from toponav.graph.topological_map import (
+    TopologicalMap as TopologicalMap,
+    sparsify as sparsify,
+)
 from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph

@@ -27,6 +27,8 @@ _CHUNK = 16
 #: Largest logit tried; one more and float32 rounds the probability to 1.
 _WIDEST = 16.0
 _MOST_TRIALS = 24
+#: Share of the pairs of views close in time whose similarity passes tc_re.
+_PASS_RATE = 0.9
 
 
 class Comparing(Protocol):
@@ -159,22 +161,18 @@ def calibrate_reach(
     *,
     tc_threshold: float,
     max_action_distance: int = 4,
-    pass_rate: float = 0.9,
 ) -> Calibration:
     """Choose tc_re, above which one place counts as reachable from another.
 
-    ``pass_rate``, in (0, 1), of all pairs of views at most k (``max_action_distance``)
-    decisions apart pass: an edge means "an agent gets there in k decisions". Missing
-    one in ten is cheap, as many pairs link two places. The paper asks for
-    0.5 < tc_re < tc_th; a value outside is moved 5 % of that interval inside its nearer
-    end, and ``achieved`` then shows the cost. (If tc_th <= 0.5, the interval is empty
-    and tc_re = tc_th.)
+    Nine in ten of all pairs of views at most k (``max_action_distance``) decisions
+    apart pass: an edge means "an agent gets there in k decisions". Missing one in ten
+    is cheap, as many pairs link two places. The paper asks for 0.5 < tc_re < tc_th; a
+    value outside is moved 5 % of that interval inside its nearer end, and ``achieved``
+    then shows the cost. (If tc_th <= 0.5, the interval is empty and tc_re = tc_th.)
 
     Reference:
         The paper, eqs. 10 and 12; A12 of our readings.
     """
-    if not 0 < pass_rate < 1:
-        raise ValueError(f"pass_rate must lie in (0, 1), got {pass_rate}.")
     near = [
         np.diagonal(walk.later, apart)
         for walk in walks
@@ -185,7 +183,7 @@ def calibrate_reach(
     similarity = torch.from_numpy(np.concatenate(near))
     floor = min(0.5, tc_threshold)
     margin = 0.05 * (tc_threshold - floor)
-    threshold = float(similarity.quantile(1 - pass_rate))
+    threshold = float(similarity.quantile(1 - _PASS_RATE))
     threshold = min(max(threshold, floor + margin), tc_threshold - margin)
     achieved = float((similarity > threshold).double().mean())
-    return Calibration(threshold, pass_rate, achieved)
+    return Calibration(threshold, _PASS_RATE, achieved)

@@ -58,7 +58,7 @@ class GroundTruthDistances:
         middles = cell_centres(at, self.routes.shape[0], cell_size)
         # The last gate leads nowhere: it stands for walls, whose number is -1.
         self._gate_at = torch.cat([middles, torch.zeros(1, 2)])
-        self._between: dict[tuple[bool, ...], Tensor] = {}
+        self._between: dict[tuple[int, ...], Tensor] = {}
 
     def centres(self, cells: ArrayLike) -> Floats:
         """Middles of cells in map units, int ``[*B, 2]`` to ``[*B, 2]``."""
@@ -94,8 +94,7 @@ class GroundTruthDistances:
         cell = torch.stack([last[0] - up, column], -1)
         inside = ((cell >= 0) & (cell <= last)).all(-1)
         number = self.routes.number(cell.clamp(min=0).minimum(last))
-        shut = self.routes.slots[self._is_closed(closed)]
-        on_floor = inside & (number >= 0) & ~torch.isin(number, shut)
+        on_floor = inside & (number >= 0) & ~torch.isin(number, self._shut(closed))
         if not on_floor.all():
             wrong = points[~on_floor][0].tolist()
             raise ValueError(f"points must lie on the maze's floor, got {wrong}.")
@@ -106,8 +105,8 @@ class GroundTruthDistances:
     ) -> Tensor:
         """Whether the line stays on the floor: it changes its cell only at the grid."""
         mask = self.open_mask.clone()
-        row, column = self.routes.cells[self.routes.slots].unbind(1)
-        mask[row, column] = ~self._is_closed(closed)
+        row, column = self.routes.cells[self._shut(closed)].unbind(1)
+        mask[row, column] = False
         floor = mask.flip(0).T  # [x, y] in cells
         clear = torch.ones(start.shape[:-1], dtype=torch.bool)
         for axis, plane in enumerate((floor, floor.T)):
@@ -124,10 +123,11 @@ class GroundTruthDistances:
             clear &= (free | ~crossed).all(-1)
         return clear
 
-    def _is_closed(self, closed: ArrayLike | None) -> Tensor:
+    def _shut(self, closed: ArrayLike | None) -> Tensor:
+        """Numbers of the cells whose slots are closed."""
         if closed is None:
-            return torch.zeros(len(self.slot_cells), dtype=torch.bool)
-        return torch.from_numpy(np.array(closed, bool))
+            return self.routes.slots[:0]
+        return self.routes.slots[torch.from_numpy(np.array(closed, bool))]
 
     def _to_gates(
         self, points: Tensor, closed: ArrayLike | None
@@ -137,11 +137,11 @@ class GroundTruthDistances:
         return distance.masked_fill(gates < 0, torch.inf), gates
 
     def _gate_distances(self, closed: ArrayLike | None) -> Tensor:
-        is_closed = self._is_closed(closed)
-        key = tuple(is_closed.tolist())
+        shut = self._shut(closed)
+        key = tuple(shut.tolist())
         if key not in self._between:
             gates = self._gates_of.clone()
-            gates[self.routes.slots[is_closed]] = -1
+            gates[shut] = -1
             # All gates of a cell can walk to each other straight.
             both = gates.unsqueeze(2).expand(-1, 4, 4)
             pairs = torch.stack([both, both.transpose(1, 2)], -1).flatten(0, 2)

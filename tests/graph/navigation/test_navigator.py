@@ -500,7 +500,7 @@ def test_a_copy_goes_its_own_way(grid):
     walk(world, navigator, 10)
     copied = copy.deepcopy(navigator)
     assert copied(view_of(START, begins=False))[NUM_CUTS].item() == 1
-    navigator.blockages.clear(torch.tensor([True]))
+    navigator.plans.open_all(torch.tensor([True]))
     assert copied(view_of(START, begins=False))[NUM_CUTS].item() == 1
 
 

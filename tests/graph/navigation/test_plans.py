@@ -3,7 +3,7 @@ import torch
 
 from toponav.graph.navigation.goals import GoalNodes
 from toponav.graph.navigation.planner import Planner
-from toponav.graph.navigation.plans import Blockages, Plans
+from toponav.graph.navigation.plans import Plans
 
 # A ring of six: from 0 to 3 by way of 1 and 2, or of 5 and 4.
 RING = torch.tensor([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0]])
@@ -14,13 +14,13 @@ def plans():
     """One agent, whose goal is 3."""
     goals = GoalNodes(1, 1, 4, patience=20)
     goals.nodes[0], goals.counts[0] = 3, True
-    made = Plans(Planner(6, RING, torch.ones(6)), goals, Blockages(1, 6))
+    made = Plans(Planner(6, RING, torch.ones(6)), goals)
     made.plan([0])
     return made
 
 
 def closed(plans):
-    return RING[plans.blockages.closed[0]].tolist()
+    return RING[plans.closed[0]].tolist()
 
 
 def test_a_cut_closes_what_leads_over_its_level(plans):

@@ -10,7 +10,7 @@ from torch import Tensor
 from toponav.graph.navigation.goals import GoalNodes
 from toponav.graph.navigation.localiser import Localiser, Map
 from toponav.graph.navigation.planner import Planner
-from toponav.graph.navigation.plans import Blockages, Plans
+from toponav.graph.navigation.plans import Plans
 from toponav.graph.navigation.progress import Progress
 from toponav.graph.navigation.sampler import ActionSampler
 from toponav.graph.rules import NavigatorRules
@@ -52,7 +52,7 @@ class Navigator(TensorDictModuleBase):
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
     5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
        that would lead on from where it got, and the longer it is stuck, the more of
-       the edges nearby that lead as near to the goal (`Blockages`); it plans again at
+       the edges nearby that lead as near to the goal (`Plans`); it plans again at
        once, and looks for its place off the path too. If no path is left, the oldest
        cut opens again.
 
@@ -122,10 +122,7 @@ class Navigator(TensorDictModuleBase):
         self.goals = GoalNodes(
             num_agents, num_goal_views, length, patience=rules.goal_patience
         )
-        self.blockages = Blockages(
-            num_agents, len(planner.edges), fade_after=rules.fade_after
-        )
-        self.plans = Plans(planner, self.goals, self.blockages)
+        self.plans = Plans(planner, self.goals, fade_after=rules.fade_after)
         self.progress = Progress(num_agents, patience=rules.block_after)
         self.sampler = ActionSampler(num_agents, rules, self.generator)
         # Decisions for which an agent still acts at random.
@@ -151,7 +148,7 @@ class Navigator(TensorDictModuleBase):
         self._restart(moved)
 
         place = self._locate(embedding)
-        changed = begins | self.blockages.pass_decision() | self.goals.wait(place)
+        changed = begins | self.plans.pass_decision() | self.goals.wait(place)
         self.plans.plan(changed.nonzero().flatten().tolist())
         self.progress.restart(changed)
         place, target = self._aim(place, embedding)
@@ -164,7 +161,7 @@ class Navigator(TensorDictModuleBase):
             target.masked_fill(target == place, -1),
             self.plans.end(place),
             self.plans.cost(place).float(),
-            self.blockages.num_cuts,
+            self.plans.num_cuts,
             *cut.unbind(1),
             place < 0,
         )
@@ -184,7 +181,7 @@ class Navigator(TensorDictModuleBase):
         self.goals.begin(
             agents, embedding.unflatten(0, views.shape[:2]), self.localiser
         )
-        self.blockages.clear(begins)
+        self.plans.open_all(begins)
 
     def _restart(self, agents: Tensor) -> None:
         """These agents, bool ``[N]``, have been put elsewhere."""

@@ -1,4 +1,4 @@
-"""`Plans` and `Blockages`: the plan of each agent, and the edges that it closed."""
+"""`Plans`: the plan of each agent, and the edges that it closed."""
 
 import math
 from collections import deque
@@ -11,12 +11,13 @@ from toponav.graph.navigation.goals import GoalNodes
 from toponav.graph.navigation.planner import Plan, Planner
 
 
-class Blockages:
-    """Edges of a map that agents closed after they failed to get through.
+class Plans:
+    """Keeps one plan an agent, to be planned again when goals or closed edges change.
 
-    A *cut* closes the edge that failed and those beside it. They are opened again
-    together, the oldest cut first, after ``fade_after`` decisions or when no path is
-    left.
+    An agent that fails to get through makes a *cut*: it closes the edge that failed and
+    those beside it. They open again together, the oldest cut first, after
+    ``fade_after`` decisions or when no path is left. Places are int64 ``[N]``, -1 for
+    an agent without one.
 
     Reference:
         The paper, "Goal reaching process": "find the connections that traverse
@@ -24,80 +25,36 @@ class Blockages:
     """
 
     def __init__(
-        self, num_agents: int, num_edges: int, *, fade_after: int | None = None
-    ) -> None:
-        self.fade_after = math.inf if fade_after is None else fade_after
-        #: bool ``[N, E]``.
-        self.closed = torch.zeros(num_agents, num_edges, dtype=torch.bool)
-        # When each cut was made, and its edges.
-        self._cuts = [deque[tuple[int, Tensor]]() for _ in range(num_agents)]
-        self._now = 0
-
-    @property
-    def num_cuts(self) -> Tensor:
-        """How many cuts of each agent are closed, int64 ``[N]``."""
-        return torch.tensor([len(cuts) for cuts in self._cuts])
-
-    def cut(self, agent: int, edges: Tensor) -> None:
-        """Close edges of one agent, int64 ``[K]``, together; without any, no cut."""
-        if len(edges):
-            self._cuts[agent].append((self._now, edges))
-            self.closed[agent, edges] = True
-
-    def reopen_oldest(self, agent: int) -> bool:
-        """Open an agent's oldest cut, if any; what later ones close stays closed."""
-        if not self._cuts[agent]:
-            return False
-        _, edges = self._cuts[agent].popleft()
-        self.closed[agent, edges] = False
-        for _, later in self._cuts[agent]:
-            self.closed[agent, later] = True
-        return True
-
-    def clear(self, agents: Tensor) -> None:
-        """Open everything for the agents of a mask, bool ``[N]``."""
-        self.closed[agents] = False
-        for agent in agents.nonzero().flatten().tolist():
-            self._cuts[agent].clear()
-
-    def pass_decision(self) -> Tensor:
-        """Count a decision; cuts that are old enough open, of agents bool ``[N]``."""
-        self._now += 1
-        changed = torch.zeros(len(self._cuts), dtype=torch.bool)
-        for agent, cuts in enumerate(self._cuts):
-            while cuts and self._now - cuts[0][0] >= self.fade_after:
-                changed[agent] = self.reopen_oldest(agent)
-        return changed
-
-
-class Plans:
-    """Keeps one plan an agent, to be planned again when goals or closed edges change.
-
-    Places are int64 ``[N]``, -1 for an agent without one.
-    """
-
-    def __init__(
-        self, planner: Planner, goals: GoalNodes, blockages: Blockages
+        self, planner: Planner, goals: GoalNodes, *, fade_after: int | None = None
     ) -> None:
         self.planner = planner
         self.goals = goals
-        self.blockages = blockages
-        size = (len(blockages.closed), planner.num_nodes)
+        self.fade_after = math.inf if fade_after is None else fade_after
+        num_agents, num_nodes = len(goals.nodes), planner.num_nodes
+        #: Edges that are closed, bool ``[N, E]``.
+        self.closed = torch.zeros(num_agents, len(planner.edges), dtype=torch.bool)
+        # When each cut was made, and its edges.
+        self._cuts = [deque[tuple[int, Tensor]]() for _ in range(num_agents)]
+        self._now = 0
         # What `Plan` holds, one row an agent.
-        self._costs = torch.full(size, torch.inf, dtype=torch.float64)
-        self._onward = torch.arange(size[1]).expand(size).clone()
+        self._costs = torch.full((num_agents, num_nodes), torch.inf).double()
+        self._onward = torch.arange(num_nodes).repeat(num_agents, 1)
         # The waypoint where the path from each waypoint ends.
         self._end = self._onward.clone()
 
     def plan(self, agents: Sequence[int]) -> None:
         """Plan again for some agents."""
         for agent in agents:
-            costs, end = self._search(agent, self.blockages.closed[agent])
+            costs, end = self._search(agent, self.closed[agent])
             self._costs[agent], self._onward[agent] = costs, end
             # Each round doubles the steps taken along all paths at once.
             for _ in range(len(end).bit_length()):
                 end = end[end]
             self._end[agent] = end
+
+    def _search(self, agent: int, closed: Tensor) -> Plan:
+        goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
+        return self.planner.plan(goals, closed)
 
     def cost(self, place: Tensor) -> Tensor:
         """Remaining cost from each agent's place, float64 ``[N]``, or infinite."""
@@ -112,47 +69,79 @@ class Plans:
             found.append(node)
         return torch.cat(found, 1)
 
-    def is_closed_to(self, place: Tensor, path: Tensor) -> Tensor:
-        """Whether a closed edge joins each place with those of a path ``[N, L]``."""
-        if not self.blockages.closed.any():
-            return torch.zeros_like(path, dtype=torch.bool)
-        start = place.clamp(min=0).unsqueeze(1).expand_as(path)
-        edge = self.planner.edge_numbers(start, path)
-        return self.blockages.closed.gather(1, edge.clamp(min=0)) & (edge >= 0)
-
     def end(self, place: Tensor) -> Tensor:
         """The last waypoint on each agent's path, int64 ``[N]``, -1 without a path."""
         node = self._end.gather(1, place.clamp(min=0).unsqueeze(1)).squeeze(1)
         return node.masked_fill(self.cost(place).isinf(), -1)
 
-    def open_up(self, place: Tensor) -> None:
-        """Open the oldest cuts of agents without a path, until there is one."""
-        stranded = (place >= 0) & self.cost(place).isinf()
-        for agent in stranded.nonzero().flatten().tolist():
-            while self._costs[agent, place[agent]].isinf():
-                if not self.blockages.reopen_oldest(agent):
-                    break
-                self.plan([agent])
+    def is_closed_to(self, place: Tensor, path: Tensor) -> Tensor:
+        """Whether a closed edge joins each place with those of a path ``[N, L]``."""
+        if not self.closed.any():
+            return torch.zeros_like(path, dtype=torch.bool)
+        start = place.clamp(min=0).unsqueeze(1).expand_as(path)
+        edge = self.planner.edge_numbers(start, path)
+        return self.closed.gather(1, edge.clamp(min=0)) & (edge >= 0)
+
+    @property
+    def num_cuts(self) -> Tensor:
+        """How many cuts of each agent are closed, int64 ``[N]``."""
+        return torch.tensor([len(cuts) for cuts in self._cuts])
+
+    def cut(self, agent: int, edges: Tensor) -> None:
+        """Close edges of one agent, int64 ``[K]``, together; without any, no cut."""
+        if len(edges):
+            self._cuts[agent].append((self._now, edges))
+            self.closed[agent, edges] = True
 
     def close(self, agent: int, place: int, level: float, *, hops: int) -> int:
-        """Close what leads nearer to the goal than a cost ``level``, near a place.
+        """Cut what leads nearer to the goal than a cost ``level``, near a place.
 
         If no path would be left from there, less is closed: what lies half as far away
         as ``hops`` edges, and so on, finally the edges of the place alone. Returns the
         waypoint to which the path led on.
         """
         onward = int(self._onward[agent, place])
-        closed, costs = self.blockages.closed[agent], self._costs[agent].clone()
+        closed, costs = self.closed[agent], self._costs[agent].clone()
         while True:
             edges = self.planner.edges_across(place, costs, level, closed, hops=hops)
             then = closed.index_fill(0, edges, True)
             if not hops or self._search(agent, then).costs[place].isfinite():
                 break
             hops //= 2
-        self.blockages.cut(agent, edges)
+        self.cut(agent, edges)
         self.plan([agent])
         return onward
 
-    def _search(self, agent: int, closed: Tensor) -> Plan:
-        goals = self.goals.nodes[agent][self.goals.active[agent]].tolist()
-        return self.planner.plan(goals, closed)
+    def reopen_oldest(self, agent: int) -> bool:
+        """Open an agent's oldest cut, if any; what later ones close stays closed."""
+        if not self._cuts[agent]:
+            return False
+        _, edges = self._cuts[agent].popleft()
+        self.closed[agent, edges] = False
+        for _, later in self._cuts[agent]:
+            self.closed[agent, later] = True
+        return True
+
+    def open_up(self, place: Tensor) -> None:
+        """Open the oldest cuts of agents without a path, until there is one."""
+        stranded = (place >= 0) & self.cost(place).isinf()
+        for agent in stranded.nonzero().flatten().tolist():
+            while self._costs[agent, place[agent]].isinf():
+                if not self.reopen_oldest(agent):
+                    break
+                self.plan([agent])
+
+    def open_all(self, agents: Tensor) -> None:
+        """Open everything for the agents of a mask, bool ``[N]``."""
+        self.closed[agents] = False
+        for agent in agents.nonzero().flatten().tolist():
+            self._cuts[agent].clear()
+
+    def pass_decision(self) -> Tensor:
+        """Count a decision; cuts that are old enough open, of agents bool ``[N]``."""
+        self._now += 1
+        changed = torch.zeros(len(self._cuts), dtype=torch.bool)
+        for agent, cuts in enumerate(self._cuts):
+            while cuts and self._now - cuts[0][0] >= self.fade_after:
+                changed[agent] = self.reopen_oldest(agent)
+        return changed
