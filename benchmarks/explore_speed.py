@@ -42,6 +42,7 @@ from toponav.builders import (
     network_dtype,
     stop_collector,
 )
+from toponav.collectors import Mailbox
 from toponav.config import ExploreConfig
 from toponav.keys import NETWORK_PIXELS
 from toponav.methods import (
@@ -58,7 +59,6 @@ from toponav.training import (
     make_explore_collector,
     make_explore_env,
     make_explorer,
-    make_mailbox,
     needed_keys,
     publish,
 )
@@ -108,7 +108,7 @@ def run_all_in(
     seconds: float,
 ) -> tuple[float, float, TensorDictBase]:
     """Explore and learn; the best and the mean rate, and the last batch."""
-    mailbox = make_mailbox(explorer)
+    mailbox = Mailbox(explorer.modules())
     # Batches hold what the log of a run reads too, as in the recipe.
     log = EpisodeLog(settings.collect.envs, world, explorer.reward)
     keep = needed_keys({"episodes": log, "learner": learner, "reward": explorer.reward})

@@ -29,6 +29,7 @@ from toponav.builders import (
     save_networks,
     stop_collector,
 )
+from toponav.collectors import Mailbox
 from toponav.config import ExploreConfig
 from toponav.launch import recipe
 from toponav.methods import REWARDS, make_reward, make_world
@@ -50,7 +51,6 @@ from toponav.training import (
     make_explore_collector,
     make_explorer,
     make_learner,
-    make_mailbox,
     needed_keys,
     publish,
     restore_exploration,
@@ -94,7 +94,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
         save_exploration(folder, state, consumers)
 
     # Other processes explore, with weights from a mailbox.
-    mailbox = make_mailbox(explorer, versions=state.versions)
+    mailbox = Mailbox(explorer.modules(), versions=state.versions)
     collector = make_explore_collector(
         settings, world, mailbox, keep=needed_keys(consumers), decisions=state.decisions
     )

@@ -1,14 +1,12 @@
 """Frames of made-up random walks, and a trainer of tiny networks on them."""
 
-from contextlib import nullcontext
-
 import torch
 from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage
 
 from tests.models import tiny_model
 from toponav.builders import Networks, make_networks
-from toponav.config import PairsConfig
+from toponav.config import OnlineConfig, PairsConfig
 from toponav.keys import ACTION, NETWORK_PIXELS, TRAJECTORY
 from toponav.training import PairTrainer, make_pair_trainer
 from toponav.worlds import WorldSpec
@@ -57,19 +55,22 @@ def make_trainer(
     networks = make_networks(tiny_model(share_encoder=shared), WORLD)
     storage = LazyTensorStorage(90)
     storage.set(slice(0, 90), make_walks().flatten())
-    values = {
-        "seed": seed,
-        "locomotion_coeff": 0.5,
-        "lr": 0.01,
-        "weight_decay": 1e-4,
-        "max_grad_norm": 10.0,
-        "autocast": nullcontext(),
-        "check": None,
-    }
+    config = OnlineConfig(
+        learn=True,
+        lr=0.01,
+        weight_decay=float(arguments.pop("weight_decay", 1e-4)),
+        locomotion_coeff=float(arguments.pop("locomotion_coeff", 0.5)),
+        every=1,
+        publish_every=1,
+        ahead=1,
+        buffer_gb=1.0,
+    )
     trainer = make_pair_trainer(
         networks,
         pair_settings(mined=mined),
+        config,
         storage,
-        **(values | arguments),  # type: ignore[arg-type]
+        seed=seed,
+        **({"lr": config.lr} | arguments),
     )
     return networks, trainer

@@ -1,9 +1,11 @@
 import copy
+from dataclasses import replace
 
 import pytest
 import torch
 from torchrl.data import LazyTensorStorage
 
+from tests.exploring import explore_settings
 from tests.models import tiny_model
 from tests.training.pair_storage import WORLD, make_walks, pair_settings
 from toponav.builders import Networks, make_networks
@@ -25,15 +27,10 @@ CONFIG = OnlineConfig(
 def make(seed: int = 0) -> tuple[Networks, ContinuedTraining]:
     torch.manual_seed(seed)
     networks = make_networks(tiny_model(), WORLD)
-    training = ContinuedTraining(
-        CONFIG,
-        pair_settings(),
-        networks,
-        seed=seed,
-        weight_decay=1e-4,
-        locomotion_coeff=0.5,
-        check=lambda figures, update: None,
+    settings = replace(
+        explore_settings(), online=CONFIG, pairs=pair_settings(), seed=seed
     )
+    training = ContinuedTraining(settings, networks, lambda figures, update: None)
     return networks, training
 
 

@@ -47,9 +47,7 @@ def make(
 ) -> tuple[LocomotionFinetuner, torch.nn.Module]:
     torch.manual_seed(0)
     networks = make_networks(config.model, WORLD)
-    finetuner = LocomotionFinetuner(
-        config.locomotion, networks, seed=config.seed, check=check
-    )
+    finetuner = LocomotionFinetuner(config, networks, check)
     return finetuner, networks.locomotion.head
 
 
@@ -74,7 +72,7 @@ def test_the_encoder_stays_as_it_is(tmp_path: Path) -> None:
     config = explore_settings(*SETTINGS, "locomotion.k=4")
     networks = make_networks(config.model, WORLD)
     before = copy.deepcopy(networks.tc.state_dict())
-    finetuner = LocomotionFinetuner(config.locomotion, networks, seed=0, check=nothing)
+    finetuner = LocomotionFinetuner(config, networks, nothing)
     finetuner.extend(walks())
     finetuner.finish(tmp_path)
     for name, value in networks.tc.state_dict().items():

@@ -31,7 +31,7 @@ def make_growth(config, *, seed=0):
     networks.modules.eval()
     networks.thresholds = dict(THRESHOLDS)
     # A comparison that tells random embeddings apart: how near they are.
-    growth = MapGrowth(config, world, networks, pretraining_decisions=200)
+    growth = MapGrowth(config, world, networks)
     waypoints = growth.map.waypoints
     waypoints._compare = lambda one, many: torch.exp(
         -(one.unsqueeze(1) - many).square().mean(-1)

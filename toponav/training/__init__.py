@@ -1,6 +1,13 @@
 """What learns from collected batches, and where they come from."""
 
 from toponav.training.best_policy import BestPolicy as BestPolicy
+from toponav.training.checkpoints import (
+    restore_exploration as restore_exploration,
+    restore_training as restore_training,
+    save_exploration as save_exploration,
+    save_policy as save_policy,
+    save_training as save_training,
+)
 from toponav.training.consumers import (
     make_consumers as make_consumers,
     make_learner as make_learner,
@@ -16,15 +23,11 @@ from toponav.training.episode_log import (
 from toponav.training.exploration_state import (
     BASELINES as BASELINES,
     ExplorationState as ExplorationState,
-    restore_exploration as restore_exploration,
-    save_exploration as save_exploration,
-    save_policy as save_policy,
 )
 from toponav.training.explore_collector import (
     CollectionError as CollectionError,
     collect_batches as collect_batches,
     make_explore_collector as make_explore_collector,
-    make_mailbox as make_mailbox,
     publish as publish,
 )
 from toponav.training.explorer import (
@@ -44,7 +47,5 @@ from toponav.training.pretraining import (
     decisions_due as decisions_due,
     learning_rate as learning_rate,
     make_pretrainer as make_pretrainer,
-    restore_training as restore_training,
-    save_training as save_training,
 )
 from toponav.training.validation import Validation as Validation

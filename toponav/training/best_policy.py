@@ -1,13 +1,14 @@
 """`BestPolicy`: the weights that did best in training."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 
-from toponav.builders import Consumer
+from toponav.builders import NETWORKS, Consumer
 from toponav.training.episode_log import EpisodeLog, mean_of
+from toponav.training.exploration_state import ExplorationState
 
 
 class BestPolicy(Consumer):
@@ -19,9 +20,9 @@ class BestPolicy(Consumer):
     Args:
         policy: as it is trained.
         log: of finished episodes; it must come before in the list of consumers.
+        state: of the run; says which version of the networks collectors use now.
         metric: the column of the log that counts.
         window: episodes to take the mean of; fewer are not enough.
-        networks_version: the version that collectors use now.
     """
 
     saved = ("best", "best_version", "best_decisions", "weights")
@@ -30,26 +31,25 @@ class BestPolicy(Consumer):
         self,
         policy: nn.Module,
         log: EpisodeLog,
+        state: ExplorationState,
         *,
         metric: str,
         window: int,
-        networks_version: Callable[[], int],
     ) -> None:
         self.policy = policy
         self.log = log
+        self.state = state
         self.metric = metric
         self.window = window
-        self.networks_version = networks_version
         self.best = -math.inf
-        self.best_version = 0
-        self.best_decisions = 0
+        self.best_version = self.best_decisions = 0
         #: Weights on the CPU, ``None`` before the first.
         self.weights: dict[str, Tensor] | None = None
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         if not self.log.ended:
             return {}
-        version = self.networks_version()
+        version = self.state.versions.get(NETWORKS, 0)
         last = [row for row in self.log.rows if row["networks_version"] == version]
         if len(last) < self.window:
             return {}

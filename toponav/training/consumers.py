@@ -6,15 +6,7 @@ from pathlib import Path
 
 from tensordict import NestedKey
 
-from toponav.builders import (
-    NETWORKS,
-    Consumer,
-    Networks,
-    RewardMethod,
-    World,
-    make_device,
-    pretraining_decisions,
-)
+from toponav.builders import Consumer, Networks, RewardMethod, World, make_device
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS, ActorCriticLearner
 from toponav.modules import ActorCritic
@@ -61,42 +53,27 @@ def make_consumers(
     """
     log = EpisodeLog(settings.collect.envs, world, reward)
     consumers: dict[str, Consumer] = {"episodes": log, "learner": learner}
-    if reward.selection_metric is not None:
+    if (metric := reward.selection_metric) is not None:
+        window = settings.report.best_of
         consumers["best"] = BestPolicy(
-            learner.policy,
-            log,
-            metric=reward.selection_metric,
-            window=settings.report.best_of,
-            networks_version=lambda: state.versions.get(NETWORKS, 0),
+            learner.policy, log, state, metric=metric, window=window
         )
     consumers["reward"] = reward
     if networks is None:
         return consumers
     check = partial(require_finite, folder=folder)
     if settings.map.grow:
-        decisions = pretraining_decisions(settings)
-        consumers["map"] = MapGrowth(
-            settings, world, networks, pretraining_decisions=decisions
-        )
+        consumers["map"] = MapGrowth(settings, world, networks)
     # Continued training trains the whole L-network; and a head can learn from stored
     # embeddings only if its encoder made them.
     shares = networks.locomotion.encoder is networks.tc.encoder
-    if settings.locomotion.learn and not settings.online.learn and shares:
-        consumers["locomotion"] = LocomotionFinetuner(
-            settings.locomotion,
-            networks,
-            seed=settings.seed,
-            check=partial(check, setting="locomotion.lr"),
-        )
     if settings.online.learn:
         consumers["online"] = ContinuedTraining(
-            settings.online,
-            settings.pairs,
-            networks,
-            seed=settings.seed,
-            weight_decay=settings.online.weight_decay,
-            locomotion_coeff=settings.online.locomotion_coeff,
-            check=partial(check, setting="online.lr"),
+            settings, networks, partial(check, setting="online.lr")
+        )
+    elif settings.locomotion.learn and shares:
+        consumers["locomotion"] = LocomotionFinetuner(
+            settings, networks, partial(check, setting="locomotion.lr")
         )
     return consumers
 

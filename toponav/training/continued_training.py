@@ -1,12 +1,13 @@
 """`ContinuedTraining`: train both networks further on the explorer's views."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Any
 
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from toponav.builders import (
+    FRAME_KEYS,
     NETWORKS,
     Check,
     Consumer,
@@ -14,11 +15,9 @@ from toponav.builders import (
     frames_that_fit,
     make_autocast,
 )
-from toponav.config import OnlineConfig, PairsConfig
-from toponav.keys import ACTION, NETWORK_PIXELS, TRAJECTORY
+from toponav.config import ExploreConfig
+from toponav.training.episode_log import mean_of
 from toponav.training.pair_trainer import make_pair_trainer
-
-_MAX_GRAD_NORM = 10.0
 
 
 class ContinuedTraining(Consumer):
@@ -29,29 +28,17 @@ class ContinuedTraining(Consumer):
         trained on random walks are trained once more while the agent explores.
 
     Args:
-        config: when and how fast to learn.
-        pairs: which pairs of views.
+        settings: ``online`` says when and how fast to learn, ``pairs`` from what.
         networks: trained in place; in ``train()`` mode during an update only.
-        seed: of the pairs.
-        weight_decay: of AdamW.
-        locomotion_coeff: weight of the L-network's loss beside the TC-network's.
         check: see `PairTrainer`.
     """
 
-    in_keys: Sequence[NestedKey] = (NETWORK_PIXELS, ACTION, TRAJECTORY, "step_count")
+    in_keys = FRAME_KEYS
 
     def __init__(
-        self,
-        config: OnlineConfig,
-        pairs: PairsConfig,
-        networks: Networks,
-        *,
-        seed: int,
-        weight_decay: float,
-        locomotion_coeff: float,
-        check: Check,
+        self, settings: ExploreConfig, networks: Networks, check: Check
     ) -> None:
-        self.config = config
+        self.config = config = settings.online
         num_frames = frames_that_fit(
             config.buffer_gb, networks.view_size, halve=networks.halve
         )
@@ -59,13 +46,11 @@ class ContinuedTraining(Consumer):
         self.buffer = TensorDictReplayBuffer(storage=storage)
         self.trainer = make_pair_trainer(
             networks,
-            pairs,
+            settings.pairs,
+            config,
             storage,
-            seed=seed,
-            locomotion_coeff=locomotion_coeff,
+            seed=settings.seed,
             lr=config.lr,
-            weight_decay=weight_decay,
-            max_grad_norm=_MAX_GRAD_NORM,
             autocast=make_autocast(networks.device, bf16=True),
             check=check,
         )
@@ -86,11 +71,8 @@ class ContinuedTraining(Consumer):
         while self._since_update >= self.config.every:
             self._since_update -= self.config.every
             measured.append(self.trainer.step())
-        return {
-            name: sum(one[name] for one in measured) / len(measured)
-            for name in ("loss_tc", "loss_locomotion")
-            if measured
-        }
+        names = ("loss_tc", "loss_locomotion") if measured else ()
+        return {name: mean_of(measured, name) for name in names}
 
     def updated(self) -> Collection[str]:
         """The networks, if the time for a new version has come; asking counts."""
@@ -101,9 +83,8 @@ class ContinuedTraining(Consumer):
         return (NETWORKS,)
 
     def state_dict(self) -> dict[str, Any]:
-        """What another one needs to continue; views are collected again."""
+        """That of the trainer; views are collected again."""
         return self.trainer.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue where `state_dict` was taken."""
         self.trainer.load_state_dict(state)

@@ -1,23 +1,12 @@
-"""`ExplorationState`: what a run of exploration has done so far, and its checkpoint."""
+"""`ExplorationState`: what a run of exploration has done so far."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
-import torch
-from torch import Tensor
-
-from toponav.builders import Consumer
-from toponav.config import ExploreCollectConfig, SettingsError
-from toponav.runs import CHECKPOINT_FILE, load_checkpoint, save_atomically
+from toponav.config import ExploreCollectConfig
 from toponav.training.episode_log import Row, mean_of
 
-#: The file in a run folder that holds the policy to use.
-POLICY_FILE = "policy.pt"
 #: Policies that see nothing: blind baselines.
 BASELINES = ("random", "sticky")
-_KIND, _VERSION = "toponav exploration", 2
 
 
 @dataclass
@@ -43,12 +32,9 @@ class ExplorationState:
     def count(
         self, decisions: int, seconds: float, collect: ExploreCollectConfig
     ) -> None:
-        """Count a batch.
+        """Count a batch's decisions; ``seconds`` are the run's so far.
 
-        Args:
-            decisions: of the batch.
-            seconds: of the run so far.
-            collect: says when a run is over, by decisions or by the clock.
+        ``collect`` says when a run is over, by decisions or by the clock.
         """
         self.decisions += decisions
         self.seconds = seconds
@@ -64,72 +50,3 @@ class ExplorationState:
             name: mean_of([row for row in rows if row["policy"] == name], "coverage")
             for name in names
         }
-
-
-def save_exploration(
-    folder: Path, state: ExplorationState, consumers: Mapping[str, Consumer]
-) -> None:
-    """Write ``checkpoint.pt`` atomically.
-
-    Call it between batches: within one, some consumers have seen what others have not.
-    What starts again after a restart are the environments: their episodes begin with
-    other scenes, and the views to continue training with are collected again.
-
-    Args:
-        folder: the run folder.
-        state: counters and tables.
-        consumers: of the run's batches, by name.
-    """
-    checkpoint: dict[str, object] = {
-        "kind": _KIND,
-        "version": _VERSION,
-        "state": {one.name: getattr(state, one.name) for one in fields(state)},
-        "consumers": {name: one.state_dict() for name, one in consumers.items()},
-        "torch_generator": torch.get_rng_state(),
-    }
-    save_atomically(checkpoint, folder / CHECKPOINT_FILE)
-
-
-def save_policy(folder: Path, weights: Mapping[str, Tensor]) -> None:
-    """Write ``policy.pt``, an explorer's weights, atomically."""
-    kept: dict[str, object] = {"kind": "toponav policy", "weights": dict(weights)}
-    save_atomically(kept, folder / POLICY_FILE)
-
-
-def restore_exploration(
-    folder: Path, state: ExplorationState, consumers: Mapping[str, Consumer]
-) -> None:
-    """Read what `save_exploration` wrote into the same objects.
-
-    A run that was cut off before its first checkpoint begins at its start.
-
-    Args:
-        folder: the run folder.
-        state: gets the counters and tables.
-        consumers: get their states.
-
-    Raises:
-        SettingsError: if the checkpoint is damaged or of other settings.
-    """
-    path = folder / CHECKPOINT_FILE
-    if not path.is_file():
-        return
-    found: dict[str, Any] = load_checkpoint(path, "resume")
-    if found.get("kind") != _KIND or found.get("version") != _VERSION:
-        raise SettingsError(
-            f"resume must name an exploration of version {_VERSION}, got {path} with "
-            f"{found.get('kind', 'something else')} {found.get('version', '')}".rstrip()
-        )
-    try:
-        for name, consumer in consumers.items():
-            # A run that resumes with a part that it had not gets it fresh.
-            if name in found["consumers"]:
-                consumer.load_state_dict(found["consumers"][name])
-        torch.set_rng_state(found["torch_generator"])
-        for one in fields(state):
-            setattr(state, one.name, found["state"][one.name])
-    except (KeyError, TypeError, RuntimeError, ValueError) as error:
-        raise SettingsError(
-            f"resume must name a run whose checkpoint fits its settings, got {path} "
-            f"({str(error).strip().splitlines()[0][:80]})"
-        ) from error

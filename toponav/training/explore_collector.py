@@ -1,7 +1,7 @@
 """The processes that explore, and how they get their weights."""
 
 import threading
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,7 @@ from toponav.builders import (
     Consumer,
     World,
     keep_freed_memory,
+    make_empty_novelty,
     seed_of,
 )
 from toponav.collectors import (
@@ -29,19 +30,12 @@ from toponav.collectors import (
 )
 from toponav.config import ExploreConfig, TrainingError
 from toponav.keys import PIXELS
-from toponav.methods import LEARNERS
-from toponav.training.explorer import Explorer, make_explore_env, make_worker_explorer
+from toponav.methods import LEARNERS, make_reward
+from toponav.training.explorer import Explorer, make_explore_env, make_explorer
 
 
 class CollectionError(TrainingError):
     """The collecting processes stopped delivering."""
-
-
-def make_mailbox(
-    explorer: Explorer, *, versions: Mapping[str, int] | None = None
-) -> Mailbox:
-    """Where the learner leaves weights and the collecting processes fetch them."""
-    return Mailbox(explorer.modules(), versions=versions)
 
 
 def publish(
@@ -83,7 +77,7 @@ def make_explore_collector(
     Args:
         settings: of the run.
         world: where the explorers act.
-        mailbox: see `make_mailbox`.
+        mailbox: of the explorer's modules.
         keep: what of a batch is handed over, ``("next", ...)`` included.
         decisions: those that an earlier part of the run made. Episodes start again
             there, others than at the run's start.
@@ -91,15 +85,12 @@ def make_explore_collector(
     Raises:
         EngineError: if the engine cannot start.
     """
-    collect, rollout = settings.collect, settings.loss.rollout
-    asynchronous = collect.mode == "async"
-    envs = collect.envs // collect.workers
-    batch = envs * rollout
+    collect = settings.collect
     arguments: dict[str, Any] = {
+        "create_env_fn": [make_worker_env] * collect.workers,
         "policy_factory": partial(
             LEARNERS[settings.loss.name].make_policy, settings, world
         ),
-        "frames_per_batch": batch if asynchronous else batch * collect.workers,
         "total_frames": -1,
         "use_buffers": True,
         "num_threads": torch.get_num_threads(),
@@ -114,12 +105,11 @@ def make_explore_collector(
             decisions=decisions,
         ),
     }
-    make_one = [make_worker_env] * collect.workers
-    if asynchronous:
-        collector: BaseCollector = PatientAsyncCollector(make_one, **arguments)
-    else:
-        collector = MultiSyncCollector(make_one, cat_results=0, **arguments)
-    return collector
+    frames = collect.envs * settings.loss.rollout
+    if collect.mode == "sync":
+        return MultiSyncCollector(frames_per_batch=frames, cat_results=0, **arguments)
+    frames //= collect.workers
+    return PatientAsyncCollector(frames_per_batch=frames, **arguments)
 
 
 def make_worker_env(
@@ -139,7 +129,6 @@ def make_worker_collector(
     settings: ExploreConfig,
     world: World,
     mailbox: Mailbox,
-    keep: Sequence[NestedKey],
     decisions: int,
     worker_idx: int,
     create_env_kwargs: dict[str, Any] | None = None,
@@ -155,9 +144,10 @@ def make_worker_collector(
     keep_freed_memory()
     seed = seed_of(settings.seed, decisions, worker_idx)
     torch.manual_seed(seed)
-    explorer = make_worker_explorer(
-        settings, world, has_networks=NETWORKS in mailbox.names
-    )
+    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
+    explorer = make_explorer(policy, make_reward(settings, world, None), None)
+    if explorer.novelty is None and NETWORKS in mailbox.names:
+        explorer.novelty = make_empty_novelty(settings.model, world.spec)
     for name, module in explorer.modules().items():
         mailbox.pull(name, module)
     return MailboxCollector(
@@ -172,7 +162,6 @@ def make_worker_collector(
         worker_idx=worker_idx,
         mailbox=mailbox,
         subscriptions=_subscriptions(explorer),
-        keep=keep,
         **kwargs,
     )
 
@@ -180,30 +169,24 @@ def make_worker_collector(
 def _subscriptions(explorer: Explorer) -> list[Subscription]:
     """What a collecting process fetches before each rollout."""
 
+    def find(name: str, collector: Collector) -> nn.Module:
+        return collector.policy if name == POLICY else explorer.modules()[name]
+
     def refresh(collector: Collector) -> None:
         for transform in collector.env.transform:
             if hasattr(transform, "refresh"):
                 assert explorer.novelty is not None
                 transform.refresh(float(explorer.novelty.threshold))
 
-    found = [
-        Subscription(POLICY, ("version", POLICY), lambda collector: collector.policy)
+    return [
+        Subscription(
+            name,
+            ("version", name),
+            partial(find, name),
+            refresh if name == NETWORKS else None,
+        )
+        for name in explorer.modules()
     ]
-    for name, module in explorer.modules().items():
-        if name != POLICY:
-            found.append(
-                Subscription(
-                    name,
-                    ("version", name),
-                    partial(_return, module),
-                    refresh if name == NETWORKS else None,
-                )
-            )
-    return found
-
-
-def _return(module: nn.Module, _: Collector) -> nn.Module:
-    return module
 
 
 def collect_batches(

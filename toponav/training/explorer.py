@@ -14,11 +14,9 @@ from toponav.builders import (
     Novelty,
     RewardMethod,
     World,
-    make_empty_novelty,
 )
 from toponav.collectors import StaggeredEpisodes
 from toponav.config import ExploreConfig
-from toponav.methods import LEARNERS, make_reward
 from toponav.modules import ActorCritic
 from toponav.transforms import (
     AreaDownsample,
@@ -57,24 +55,11 @@ class Explorer:
 def make_explorer(
     policy: ActorCritic, reward: RewardMethod, networks: Networks | None
 ) -> Explorer:
-    """The explorer of the learning process, which publishes its weights."""
-    shared = reward.modules().get(NETWORKS)
-    if isinstance(shared, Novelty):
-        return Explorer(policy, reward, shared)
-    novelty = None if networks is None else Novelty(networks.tc)
-    return Explorer(policy, reward, novelty)
-
-
-def make_worker_explorer(
-    settings: ExploreConfig, world: World, *, has_networks: bool
-) -> Explorer:
-    """The explorer of a collecting process; its weights are fetched from a mailbox."""
-    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
-    reward = make_reward(settings, world, None)
-    shared = reward.modules().get(NETWORKS)
-    if isinstance(shared, Novelty):
-        return Explorer(policy, reward, shared)
-    novelty = make_empty_novelty(settings.model, world.spec) if has_networks else None
+    """An explorer; a reward method with a TC-network of its own shares that."""
+    novelty = reward.modules().get(NETWORKS)
+    if novelty is None and networks is not None:
+        novelty = Novelty(networks.tc)
+    assert novelty is None or isinstance(novelty, Novelty)
     return Explorer(policy, reward, novelty)
 
 
@@ -105,49 +90,26 @@ def make_explore_env(
         EngineError: if the engine cannot start.
     """
     env = world.make_env(batch_size=envs, seed=seed, privileged=world.spec.has_truth)
-    reward = explorer.reward
-    transforms = [
-        *_make_views(settings, has_networks=explorer.novelty is not None, seed=seed),
-        *_make_embedding(explorer),
-        *reward.make_transforms(num_envs=envs, seed=seed),
-        PreviousAction(world.spec.num_actions),
-        *_make_truth(world),
-        PreviousReward(in_keys=[reward.reward_key]),
-        *([StaggeredEpisodes(world.episode_length)] if stagger else []),
-        InitTracker(),
-        StepCounter(),
-        explorer.policy.make_tensordict_primer(),
-    ]
-    return TransformedEnv(env, Compose(*transforms))
-
-
-def _make_views(
-    settings: ExploreConfig, *, has_networks: bool, seed: int
-) -> list[Transform]:
-    """Noise, the policy's copy, and the networks' copy."""
-    views: list[Transform] = []
+    reward, novelty = explorer.reward, explorer.novelty
+    transforms: list[Transform] = []
+    # The views: with noise if it is wanted, the policy's copy, the networks' copy.
     if settings.collect.noisy_tv:
-        views.append(NoisyTV(seed=seed))
+        transforms.append(NoisyTV(seed=seed))
     if settings.policy.input == "pixels":
-        size = settings.policy.view_size
-        views.append(PolicyPixels(size=(size, size)))
-    if has_networks:
-        factor = 2 if settings.model.halve else 1
-        views.append(AreaDownsample(factor=factor))
-    return views
-
-
-def _make_embedding(explorer: Explorer) -> list[Transform]:
-    """The embedding, for policy and map, if the reward method does not write it."""
-    if explorer.novelty is None or explorer.reward.embeds:
-        return []
-    return [EmbedViews(explorer.novelty.tc.embed)]
-
-
-def _make_truth(world: World) -> list[Transform]:
-    layout = world.layout
-    if layout is None:
-        return []
-    slots = list(layout.slots.values())
-    mask = torch.as_tensor(layout.open_mask)
-    return [Coverage(mask, COVERAGE_LEVELS, slot_cells=slots)]
+        transforms.append(PolicyPixels(size=(settings.policy.view_size,) * 2))
+    if novelty is not None:
+        transforms.append(AreaDownsample(factor=2 if settings.model.halve else 1))
+        if not reward.embeds:
+            transforms.append(EmbedViews(novelty.tc.embed))
+    transforms += reward.make_transforms(num_envs=envs, seed=seed)
+    transforms.append(PreviousAction(world.spec.num_actions))
+    if (layout := world.layout) is not None:
+        slots = list(layout.slots.values())
+        mask = torch.as_tensor(layout.open_mask)
+        transforms.append(Coverage(mask, COVERAGE_LEVELS, slot_cells=slots))
+    transforms.append(PreviousReward(in_keys=[reward.reward_key]))
+    if stagger:
+        transforms.append(StaggeredEpisodes(world.episode_length))
+    transforms += [InitTracker(), StepCounter()]
+    transforms.append(explorer.policy.make_tensordict_primer())
+    return TransformedEnv(env, Compose(*transforms))

@@ -11,13 +11,12 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from tqdm import tqdm
 
 from toponav.builders import Check, Consumer, Networks
-from toponav.config import LocomotionConfig
+from toponav.config import ExploreConfig
 from toponav.data import EpisodeSampler, LPairs, SplitPairs
 from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
 from toponav.runs import write_history
 from toponav.training.pair_trainer import PairTrainer, make_l_loss
 
-_MAX_GRAD_NORM = 10.0
 _WEIGHT_DECAY = 1e-3
 # Updates between two rows of the log.
 _ROW_EVERY = 100
@@ -36,10 +35,9 @@ class LocomotionFinetuner(Consumer):
         trained on random walks are trained once more while the agent explores.
 
     Args:
-        config: how much to keep, and how to train.
+        settings: ``locomotion`` says how much to keep, and how to train.
         networks: must share one encoder, since the embeddings that explorers hand over
             are the TC-network's.
-        seed: of the pairs.
         check: see `PairTrainer`.
 
     Raises:
@@ -49,14 +47,14 @@ class LocomotionFinetuner(Consumer):
     in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")
 
     def __init__(
-        self, config: LocomotionConfig, networks: Networks, *, seed: int, check: Check
+        self, settings: ExploreConfig, networks: Networks, check: Check
     ) -> None:
         if networks.locomotion.encoder is not networks.tc.encoder:
             raise ValueError("networks must share one encoder, got two.")
-        self.config = config
+        self.config = config = settings.locomotion
         self.head = networks.locomotion.head
         self.check = check
-        self.generator = torch.Generator().manual_seed(seed)
+        self.generator = torch.Generator().manual_seed(settings.seed)
         self.buffer = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.memory),
             sampler=EpisodeSampler(LPairs(config.k)),
@@ -78,11 +76,7 @@ class LocomotionFinetuner(Consumer):
         return {}
 
     def finish(self, folder: Path) -> None:
-        """Train the head; loss and accuracy go into ``locomotion.csv``.
-
-        Raises:
-            TrainingError: from ``check``.
-        """
+        """Train the head; loss and accuracy go into ``locomotion.csv``."""
         config = self.config
         trainer = PairTrainer(
             self.head,
@@ -91,7 +85,6 @@ class LocomotionFinetuner(Consumer):
             generator=self.generator,
             lr=config.lr,
             weight_decay=_WEIGHT_DECAY,
-            max_grad_norm=_MAX_GRAD_NORM,
             check=self.check,
         )
         schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -129,7 +122,6 @@ class LocomotionFinetuner(Consumer):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue where `state_dict` was taken."""
         self.buffer.load_state_dict(state["buffer"])
         self.generator.set_state(state["generator"])
         # Earlier runs did not keep it.

@@ -23,6 +23,7 @@ from toponav.builders import (
     World,
     for_inference,
     make_map,
+    pretraining_decisions,
 )
 from toponav.config import ExploreConfig
 from toponav.graph import TopologicalMap, save_map, sparsify
@@ -51,23 +52,20 @@ class MapGrowth(Consumer):
         settings: of the run.
         world: where it explores.
         networks: with their thresholds.
-        pretraining_decisions: that the networks had learned from before, for the log;
-            NaN if not known.
     """
 
+    # Episodes that are not over are not kept.
+    saved = ("map", "truth", "rows", "decisions", "pretraining_decisions")
+
     def __init__(
-        self,
-        settings: ExploreConfig,
-        world: World,
-        networks: Networks,
-        *,
-        pretraining_decisions: float = math.nan,
+        self, settings: ExploreConfig, world: World, networks: Networks
     ) -> None:
         self.config = settings.map
         self.trains_online = settings.online.learn
         self.name = world.name
         self.networks = networks
-        self.pretraining_decisions = pretraining_decisions
+        #: That the networks had learned from before, for the log; NaN if not known.
+        self.pretraining_decisions = pretraining_decisions(settings)
         novelty = for_inference(Novelty(copy.deepcopy(networks.tc)), settings.model)
         self.tc = novelty.tc.eval()
         self.map: TopologicalMap = make_map(
@@ -96,7 +94,7 @@ class MapGrowth(Consumer):
             if not len(batch):
                 return {}
         if self.truth is not None:
-            self.truth.remember(batch)
+            self.truth.poses.remember(batch)
         new_waypoints = self.map.extend(batch)
         if self.truth is not None and new_waypoints:
             self.truth.place(self.map.waypoints.origins, self.decisions)
@@ -153,34 +151,18 @@ class MapGrowth(Consumer):
         }
 
     def _draw(self, row: Row) -> Figure:
+        parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
         title = f"{self.name} after {row['decisions']:,} decisions: "
         if self.truth is not None:
-            return self.truth.draw(self.map, title, row)
-        parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
+            title += f"{row['coverage']:.0%} of the cells, {parts}, "
+            title += f"{row['false_edges']:.1%} of the edges false"
+            return self.truth.draw(self.map, title)
         title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
-        return draw_graph(
-            self.map.num_waypoints,
-            self.map.edges,
-            self.map.edge_cost.amin(1),
-            title=title,
-        )
-
-    def state_dict(self) -> dict[str, Any]:
-        """What another one needs to continue; unfinished episodes are not in it."""
-        return {
-            "map": self.map.state_dict(),
-            "truth": None if self.truth is None else self.truth.state_dict(),
-            "rows": self.rows,
-            "decisions": self.decisions,
-            "pretraining_decisions": self.pretraining_decisions,
-        }
+        num, cost = self.map.num_waypoints, self.map.edge_cost.amin(1)
+        return draw_graph(num, self.map.edges, cost, title=title)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.map.load_state_dict(state["map"])
-        if self.truth is not None:
-            self.truth.load_state_dict(state["truth"])
-        self.rows, self.decisions = list(state["rows"]), int(state["decisions"])
-        self.pretraining_decisions = state["pretraining_decisions"]
+        super().load_state_dict(state)
         if self.trains_online:
             self._embed(self.map.network_version)
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import torch
 from matplotlib.figure import Figure
-from tensordict import TensorDictBase
 from torch import Tensor
 
 from toponav.builders import World
@@ -37,10 +36,6 @@ class MapTruth:
         self._metric = GroundTruthDistances(mask, cell_size=cell_size)
         self._plan = FloorPlan(mask, cell_size=cell_size)
 
-    def remember(self, batch: TensorDictBase) -> None:
-        """Remember where the agents of a batch ``[E, T]`` stood."""
-        self.poses.remember(batch)
-
     def place(self, origins: Tensor, decisions: int) -> None:
         """Find the poses of new waypoints; see `WaypointPoses`."""
         self.poses.extend(origins)
@@ -60,8 +55,8 @@ class MapTruth:
         )
         return dict(vars(quality))
 
-    def draw(self, topological_map: TopologicalMap, title: str, row: Row) -> Figure:
-        """The map over the plan; ``row`` is its line of ``map.csv``."""
+    def draw(self, topological_map: TopologicalMap, title: str) -> Figure:
+        """The map over the plan."""
         poses, edges = self.poses.values, topological_map.edges
         far = _FAR_CELLS * self._metric.cell_size
         return draw_topological_map(
@@ -70,9 +65,7 @@ class MapTruth:
             topological_map.edge_cost.amin(1),
             edge_lengths(self._metric, poses, edges) > far,
             plan=self._plan,
-            title=f"{title}{row['coverage']:.0%} of the cells, {row['components']} part"
-            f"{'s' if row['components'] != 1 else ''}, {row['false_edges']:.1%} of the "
-            "edges false",
+            title=title,
         )
 
     def state_dict(self) -> dict[str, Any]:

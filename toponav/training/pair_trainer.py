@@ -15,13 +15,11 @@ from torchrl.data.replay_buffers import Storage
 from torchrl.objectives import LossModule
 
 from toponav.builders import Check, Networks
-from toponav.config import PairsConfig, TrainingError
+from toponav.config import OnlineConfig, PairsConfig, TrainConfig, TrainingError
 from toponav.data import Chunks, DrawnPairs, LPairs, MinedPairs, TCPairs
 from toponav.keys import ANCHOR, LOGIT, LOGITS, OTHER
 from toponav.objectives import LLoss, TCLoss
 from toponav.runs import CHECKPOINT_FILE
-
-#: Called with measurements and the number of the update; raises to stop the training.
 
 
 class PairTrainer:
@@ -49,8 +47,6 @@ class PairTrainer:
         ...         action=torch.zeros(6, dtype=torch.int64), batch_size=[6])],
         ...     generator=torch.Generator(),
         ...     lr=1e-2,
-        ...     weight_decay=0.0,
-        ...     max_grad_norm=1.0,
         ... )
         >>> sorted(trainer.step())
         ['gradient_norm', 'loss_locomotion', 'train_l_accuracy']
@@ -64,8 +60,8 @@ class PairTrainer:
         *,
         generator: torch.Generator,
         lr: float | Callable[[int], float],
-        weight_decay: float,
-        max_grad_norm: float,
+        weight_decay: float = 0.0,
+        max_grad_norm: float = 10.0,
         autocast: AbstractContextManager[None] | None = None,
         check: Check | None = None,
     ) -> None:
@@ -75,7 +71,7 @@ class PairTrainer:
         self.generator = generator
         self.lr = lr
         self.max_grad_norm = max_grad_norm
-        self.autocast = nullcontext() if autocast is None else autocast
+        self.autocast = autocast or nullcontext()
         self.check = check
         self.optimizer = torch.optim.AdamW(
             network.parameters(),
@@ -99,10 +95,8 @@ class PairTrainer:
         losses, accuracies = dict[str, Tensor](), dict[str, Tensor]()
         total = torch.zeros(())
         with self.autocast:
-            batches = self.draw_pairs()
-            for (name, (loss, coeff)), pairs in zip(
-                self.losses.items(), batches, strict=True
-            ):
+            drawn = zip(self.losses.items(), self.draw_pairs(), strict=True)
+            for (name, (loss, coeff)), pairs in drawn:
                 loss_key, accuracy_key = loss.out_keys
                 result = loss(pairs)
                 total = total + coeff * result[loss_key]
@@ -140,82 +134,61 @@ class PairTrainer:
 def make_pair_trainer(
     networks: Networks,
     pairs: PairsConfig,
+    config: TrainConfig | OnlineConfig,
     storage: Storage,
     *,
     seed: int,
-    locomotion_coeff: float,
-    lr: float | Callable[[int], float],
-    weight_decay: float,
-    max_grad_norm: float,
-    autocast: AbstractContextManager[None],
-    check: Check,
+    **arguments: Any,
 ) -> PairTrainer:
     """A `PairTrainer` of both networks, from the frames in a storage.
 
-    ``seed`` is of the pairs; ``locomotion_coeff`` is the weight of the L-network's loss
-    beside the TC-network's.
+    Args:
+        networks: trained as one.
+        pairs: which pairs: of embeddings if they are mined, else of views.
+        config: weight decay, and the weight of the L-network's loss beside the other.
+        storage: of the frames.
+        seed: of the pairs.
+        arguments: the others of `PairTrainer`.
     """
+    tc, locomotion = networks.tc, networks.locomotion
     generator = torch.Generator().manual_seed(seed)
-    mined = pairs.mined
-    tc: nn.Module = networks.tc.comparator if mined else networks.tc  # type: ignore[assignment]
-    locomotion = networks.locomotion.head if mined else networks.locomotion
+    rule = TCPairs(pairs.k, pairs.m, other_episode_share=pairs.other_episode_share)
+    drawing: dict[str, Any] = {
+        "tc_pairs": rule,
+        "l_pairs": LPairs(pairs.locomotion_k),
+        "generator": generator,
+        "device": networks.device,
+    }
+    if pairs.mined:
+        is_shared = locomotion.encoder is tc.encoder
+        draw_pairs: MinedPairs | DrawnPairs = MinedPairs(
+            storage,
+            Chunks(pairs.chunks, pairs.chunk_len, min_length=rule.min_distance + 1),
+            pairs.episodes * pairs.chunks * pairs.chunk_len,
+            embed_tc=tc.encoder,
+            embed_l=None if is_shared else locomotion.encoder,
+            max_pairs=pairs.per_update,
+            **drawing,
+        )
+        trained: tuple[nn.Module, nn.Module] = tc.comparator, locomotion.head  # type: ignore[assignment]
+    else:
+        draw_pairs = DrawnPairs(storage, pairs.per_update, **drawing)
+        trained = tc, locomotion
+    tc_loss = TCLoss(TensorDictModule(trained[0], [ANCHOR, OTHER], [LOGIT]))
+    l_loss = make_l_loss(trained[1])
     return PairTrainer(
         networks.modules,
-        {
-            "tc": (make_tc_loss(tc), 1.0),
-            "l": (make_l_loss(locomotion), locomotion_coeff),
-        },
-        make_pair_source(networks, pairs, storage, generator),
+        {"tc": (tc_loss, 1.0), "l": (l_loss, config.locomotion_coeff)},
+        draw_pairs,
         generator=generator,
-        lr=lr,
-        weight_decay=weight_decay,
-        max_grad_norm=max_grad_norm,
-        autocast=autocast,
-        check=check,
+        weight_decay=config.weight_decay,
+        **arguments,
     )
-
-
-def make_tc_loss(network: nn.Module) -> TCLoss:
-    """The loss of a TC-network on views, or of its comparator on embeddings."""
-    return TCLoss(TensorDictModule(network, [ANCHOR, OTHER], [LOGIT]))
 
 
 def make_l_loss(network: nn.Module) -> LLoss:
     """The loss of an L-network on views, or of its head on embeddings."""
     return LLoss(TensorDictModule(network, [ANCHOR, OTHER], [LOGITS]))
-
-
-def make_pair_source(
-    networks: Networks,
-    pairs: PairsConfig,
-    storage: Storage,
-    generator: torch.Generator,
-) -> MinedPairs | DrawnPairs:
-    """Draws the pairs of one update: of embeddings if they are mined, else of views."""
-    tc_pairs = TCPairs(pairs.k, pairs.m, other_episode_share=pairs.other_episode_share)
-    l_pairs = LPairs(pairs.locomotion_k)
-    if not pairs.mined:
-        return DrawnPairs(
-            storage,
-            pairs.per_update,
-            tc_pairs=tc_pairs,
-            l_pairs=l_pairs,
-            generator=generator,
-            device=networks.device,
-        )
-    shared = networks.model.share_encoder
-    return MinedPairs(
-        storage,
-        Chunks(pairs.chunks, pairs.chunk_len, min_length=tc_pairs.min_distance + 1),
-        pairs.episodes * pairs.chunks * pairs.chunk_len,
-        tc_pairs=tc_pairs,
-        l_pairs=l_pairs,
-        embed_tc=networks.tc.encoder,
-        embed_l=None if shared else networks.locomotion.encoder,
-        max_pairs=pairs.per_update,
-        generator=generator,
-        device=networks.device,
-    )
 
 
 def require_finite(

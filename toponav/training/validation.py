@@ -10,9 +10,8 @@ from torch import Tensor
 from toponav.builders import Networks
 from toponav.config import PretrainConfig
 from toponav.data import DrawRule, HeldOut, LPairs, PairSet, TCPairs
+from toponav.training.episode_log import mean_of
 
-#: k and M of the paper's figures.
-PAPER_K, PAPER_M = 4, 5
 _VIEWS_AT_ONCE = 256
 
 
@@ -37,7 +36,7 @@ class Validation:
         pairs, validate = config.pairs, config.validate
         rules: dict[str, DrawRule] = {
             "tc": TCPairs(pairs.k, validate.m),
-            "tc_paper": TCPairs(PAPER_K, PAPER_M),
+            "tc_paper": TCPairs(4, 5),  # k and M of the paper's figures
             "l": LPairs(pairs.locomotion_k),
         }
         self.networks = networks
@@ -62,7 +61,7 @@ class Validation:
         self.networks.modules.eval()
         each = [self.measure(number) for number in range(len(self.held_out))]
         self.networks.modules.train(was_training)
-        figures = {name: sum(one[name] for one in each) / len(each) for name in each[0]}
+        figures = {name: mean_of(each, name) for name in each[0]}
         if len(each) > 1:
             for held_out, one in zip(self.held_out, each, strict=True):
                 figures[f"tc_accuracy_{held_out.name}"] = one["tc_accuracy"]
