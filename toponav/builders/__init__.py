@@ -13,7 +13,7 @@ from toponav.builders.devices import (
     make_device as make_device,
     one_thread as one_thread,
 )
-from toponav.builders.maps import make_map as make_map
+from toponav.builders.maps import make_map as make_map, threshold_of as threshold_of
 from toponav.builders.mazes import (
     engine_world as engine_world,
     make_env as make_env,

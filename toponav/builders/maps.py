@@ -30,8 +30,10 @@ def make_map(
     Raises:
         SettingsError: if a threshold was not calibrated, or does not fit the other.
     """
-    threshold = map_threshold("tc_threshold", config.tc_threshold, thresholds)
-    reach = map_threshold("tc_reach", config.tc_reach, thresholds)
+    threshold, reach = (
+        threshold_of(f"map.{name}", getattr(config, name), {"auto": name}, thresholds)
+        for name in ("tc_threshold", "tc_reach")
+    )
     if config.tc_reach == "auto":
         reach = min(reach, threshold)
     if reach > threshold:
@@ -51,29 +53,29 @@ def make_map(
     )
 
 
-def map_threshold(name: str, value: str, thresholds: Mapping[str, float]) -> float:
-    """A threshold of the map, below 1.
+def threshold_of(
+    setting: str, value: str, words: Mapping[str, str], thresholds: Mapping[str, float]
+) -> float:
+    """The threshold that a setting gives, below 1.
 
-    Args:
-        name: of the setting, and of the calibrated threshold.
-        value: a number, or ``auto`` for the calibrated one.
-        thresholds: those that were calibrated.
+    ``value`` is a number, or one of ``words`` for one of the calibrated ``thresholds``.
 
     Raises:
         SettingsError: if it should be a calibrated one and there is none.
 
     Examples:
-        >>> map_threshold("tc_reach", "auto", {"tc_reach": 0.8})
+        >>> threshold_of("map.tc_reach", "auto", {"auto": "reach"}, {"reach": 0.8})
         0.8
-        >>> map_threshold("tc_reach", "0.7", {})
+        >>> threshold_of("map.tc_reach", "0.7", {"auto": "reach"}, {})
         0.7
     """
-    if value != "auto":
+    name = words.get(value)
+    if name is None:
         return float(value)
     if name not in thresholds:
         raise SettingsError(
-            f"map.{name} must be a number with networks that have no calibrated "
-            f"{name}, got auto"
+            f"{setting} must be a number with networks that have no calibrated "
+            f"{name}, got {value}"
         )
     return min(float(thresholds[name]), 0.999)
 

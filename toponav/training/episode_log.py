@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
 
 from toponav.builders import Consumer, RewardMethod, World
@@ -26,7 +26,6 @@ from toponav.keys import (
 #: One line of a table: names to numbers, or to words.
 Row = dict[str, Any]
 
-_STEP_COUNT: NestedKey = "step_count"
 #: What pictures of an episode need, of the first observation too, where it is there.
 _POSES = (POSITION, HEADING, CELL, COVERAGE)
 _WAYPOINTS = (IS_NEW_WAYPOINT, SPURIOUS_WAYPOINT)
@@ -56,19 +55,14 @@ class EpisodeLog(Consumer):
         #: The episodes that the last batch finished.
         self.ended: list[Row] = []
         self.decisions = 0
-        self.sums = reward.episode_sums()
-        coverage = {"coverage": COVERAGE} if world.spec.has_truth else {}
-        self.ends: dict[str, NestedKey] = {**coverage, **reward.episode_ends()}
-        found = set(self.sums.values())
-        pictured = [key for key in _WAYPOINTS if key in found]
+        self.sums, self.ends = reward.episode_sums(), reward.episode_ends()
+        summed = list(self.sums.values())
+        pictured = [key for key in _WAYPOINTS if key in summed]
         if world.spec.has_truth:
+            self.ends = {"coverage": COVERAGE, **self.ends}
             pictured += _POSES
-        later = [*self.sums.values(), *self.ends.values(), *pictured]
-        self.in_keys: Sequence[NestedKey] = [
-            *pictured,
-            TRAJECTORY,
-            *(("next", key) for key in (*later, DONE, TRUNCATED, _STEP_COUNT)),
-        ]
+        later = [*summed, *self.ends.values(), *pictured, DONE, TRUNCATED, "step_count"]
+        self.in_keys = [*pictured, TRAJECTORY, *(("next", key) for key in later)]
         self._totals = torch.zeros(len(self.sums), num_envs, dtype=torch.float64)
         self._pieces: list[TensorDictBase] = []
         #: ``[T]``; the last whole episode of the first environment, for pictures.
@@ -78,10 +72,8 @@ class EpisodeLog(Consumer):
         """Count a batch ``[E, T]``; the episodes that it finished are in `ended`."""
         self.decisions += batch.numel()
         later = batch.get("next")
-        rewards = torch.stack(
-            [later.get(key).squeeze(-1) for key in self.sums.values()]
-        )
-        rewards = rewards.double()
+        summed = [later.get(key).squeeze(-1) for key in self.sums.values()]
+        rewards = torch.stack(summed).double()
         done, envs = later.get(DONE).squeeze(-1), batch.get(ENV_ID)[:, 0, 0]
         self.ended = []
         start = torch.zeros(len(envs), dtype=torch.int64)
@@ -90,7 +82,7 @@ class EpisodeLog(Consumer):
             sums = self._totals[:, envs[row]] + rewards[:, row, span].sum(-1)
             self._totals[:, envs[row]] = 0.0
             start[row] = time + 1
-            if int(later.get(_STEP_COUNT)[row, time]) == self.episode_length:
+            if int(later.get("step_count")[row, time]) == self.episode_length:
                 self.ended.append(self._row(batch[row, time], sums))
         rest = torch.arange(done.shape[1]) >= start.unsqueeze(-1)
         self._totals[:, envs] += (rewards * rest).sum(-1)
@@ -99,13 +91,11 @@ class EpisodeLog(Consumer):
         return {}
 
     def _row(self, last: TensorDictBase, sums: Tensor) -> Row:
-        later = last.get("next")
-        ends = {name: later.get(key).item() for name, key in self.ends.items()}
-        version = last.get(NETWORKS_VERSION, None)
+        later, version = last.get("next"), last.get(NETWORKS_VERSION, None)
         return {
             "decisions": self.decisions,
             **dict(zip(self.sums, sums.tolist(), strict=True)),
-            **ends,
+            **{name: later.get(key).item() for name, key in self.ends.items()},
             "networks_version": 0 if version is None else int(version),
         }
 

@@ -65,22 +65,16 @@ def make_explore_collector(
     keep: Sequence[NestedKey],
     decisions: int = 0,
 ) -> BaseCollector:
-    """Processes that explore with the weights in a mailbox.
+    """Processes that explore with the weights in a mailbox of `Explorer.modules`.
 
-    Each hands over batches ``[E, T]``, with ``collect.mode=async`` while the caller
-    learns from the last one; it then is at most two batches behind the newest weights.
-    With ``sync`` all wait for the caller and hand over one batch together.
+    Each hands over batches ``[E, T]`` with the keys ``keep``, with
+    ``collect.mode=async`` while the caller learns from the last one; it then is at most
+    two batches behind the newest weights. With ``sync`` all wait for the caller and
+    hand over one batch together. If an earlier part of the run made ``decisions``, its
+    episodes do not come again.
 
     Iterate with `collect_batches`; end it in ``finally`` with `stop_collector`; never
     ask it for its state while it runs (it would drop a rollout and hang).
-
-    Args:
-        settings: of the run.
-        world: where the explorers act.
-        mailbox: of the explorer's modules.
-        keep: what of a batch is handed over, ``("next", ...)`` included.
-        decisions: those that an earlier part of the run made. Episodes start again
-            there, others than at the run's start.
 
     Raises:
         EngineError: if the engine cannot start.
@@ -136,8 +130,7 @@ def make_worker_collector(
 ) -> MailboxCollector:
     """The collector of one process, built there, with its own copies of the networks.
 
-    Its networks are filled before the environment looks through them for the first
-    time.
+    They are filled before the environment looks through them for the first time.
     """
     # One process, one core: threads of torch would only get in each other's way.
     torch.set_num_threads(1)
@@ -197,17 +190,19 @@ def collect_batches(
     A process that died is noticed within a second, one that hangs after
     ``max_idle_s``: it is ended then, since nothing else would wake the caller.
 
-    Args:
-        collector: see `make_explore_collector`.
-        max_idle_s: longest time to wait for a batch.
-
     Raises:
         CollectionError: if a process died or hung.
     """
     batches: Iterator[TensorDictBase] = iter(collector)
+    hung = threading.Event()
+
+    def end_processes() -> None:
+        hung.set()
+        for process in collector.procs:
+            process.kill()
+
     while True:
-        hung = threading.Event()
-        watch = threading.Timer(max_idle_s, _end_processes, (collector, hung))
+        watch = threading.Timer(max_idle_s, end_processes)
         watch.daemon = True
         watch.start()
         try:
@@ -223,9 +218,3 @@ def collect_batches(
         finally:
             watch.cancel()
         yield batch
-
-
-def _end_processes(collector: BaseCollector, hung: threading.Event) -> None:
-    hung.set()
-    for process in collector.procs:
-        process.kill()

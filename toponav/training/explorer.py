@@ -7,14 +7,7 @@ from torch import nn
 from torchrl.envs import Compose, EnvBase, InitTracker, StepCounter, TransformedEnv
 from torchrl.envs.transforms import Transform
 
-from toponav.builders import (
-    NETWORKS,
-    POLICY,
-    Networks,
-    Novelty,
-    RewardMethod,
-    World,
-)
+from toponav.builders import NETWORKS, POLICY, Networks, Novelty, RewardMethod, World
 from toponav.collectors import StaggeredEpisodes
 from toponav.config import ExploreConfig
 from toponav.modules import ActorCritic

@@ -39,9 +39,6 @@ class LocomotionFinetuner(Consumer):
         networks: must share one encoder, since the embeddings that explorers hand over
             are the TC-network's.
         check: see `PairTrainer`.
-
-    Raises:
-        ValueError: if the L-network has an encoder of its own.
     """
 
     in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")

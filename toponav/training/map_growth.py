@@ -2,15 +2,13 @@
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
+import rustworkx
 from matplotlib.figure import Figure
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from tqdm import tqdm
 
 from toponav.builders import (
@@ -74,15 +72,10 @@ class MapGrowth(Consumer):
         self.truth = MapTruth(world) if world.layout is not None else None
         self.decisions = 0
         self.rows: list[Row] = []
-        places = [] if self.truth is None else [POSITION, HEADING]
+        places = () if self.truth is None else (POSITION, HEADING)
         # A goal's reward says that the agent was put elsewhere.
-        self.in_keys: Sequence[NestedKey] = [
-            EMBEDDING,
-            NETWORK_PIXELS,
-            *places,
-            ("next", DONE),
-            ("next", REWARD),
-        ]
+        later = ("next", DONE), ("next", REWARD)
+        self.in_keys = [EMBEDDING, NETWORK_PIXELS, *places, *later]
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Feed a batch ``[E, T]``."""
@@ -131,24 +124,16 @@ class MapGrowth(Consumer):
         row: Row = {
             "decisions": self.decisions,
             "networks_version": self.map.network_version,
-            **self._measure(),
         }
+        if self.truth is None:
+            row |= count_components(self.map)
+        else:
+            row |= self.truth.measure(self.map, self.pretraining_decisions)
+            write_array(folder / POSES_FILE, self.truth.poses.values)
         self.rows.append(row)
         write_history(folder / "map.csv", self.rows)
         save_map(self.map.state_dict(), folder / MAP_FILE, about={"maze": self.name})
-        if self.truth is not None:
-            write_array(folder / POSES_FILE, self.truth.poses.values)
         save_figure(self._draw(row), folder / "topology.png", dpi=110)
-
-    def _measure(self) -> Row:
-        if self.truth is None:
-            return count_components(self.map)
-        covered = self.truth.decisions_to_cover
-        return {
-            **self.truth.measure(self.map),
-            "decisions_to_cover": covered,
-            "interaction_to_encode": covered + self.pretraining_decisions,
-        }
 
     def _draw(self, row: Row) -> Figure:
         parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
@@ -169,14 +154,14 @@ class MapGrowth(Consumer):
 
 def count_components(topological_map: TopologicalMap) -> Row:
     """What can be said of a map without ground truth."""
-    num, edges = topological_map.num_waypoints, topological_map.edges
-    ones = torch.ones(len(edges))
-    links = coo_array((ones, (edges[:, 0], edges[:, 1])), shape=(num, num))
-    components, label = connected_components(links, directed=False)
-    sizes = torch.bincount(torch.from_numpy(label).long())
+    num, edges = topological_map.num_waypoints, topological_map.edges.tolist()
+    graph = rustworkx.PyGraph()
+    graph.add_nodes_from(range(num))
+    graph.add_edges_from_no_data([(one, other) for one, other in edges])
+    parts = [len(part) for part in rustworkx.connected_components(graph)]
     return {
         "waypoints": num,
         "edges": len(edges),
-        "components": int(components),
-        "largest_component": float(sizes.max()) / num if num else math.nan,
+        "components": len(parts),
+        "largest_component": max(parts) / num if num else math.nan,
     }

@@ -20,11 +20,7 @@ _FAR_CELLS = 3.0
 
 
 class MapTruth:
-    """Judges a map by the ground truth; no agent and no map reads it.
-
-    Args:
-        world: the maze.
-    """
+    """Judges a map of a maze by the ground truth; no agent and no map reads it."""
 
     def __init__(self, world: World) -> None:
         assert world.layout is not None
@@ -44,8 +40,8 @@ class MapTruth:
         if bool(covered_cells(self._metric, self.poses.values).all()):
             self.decisions_to_cover = float(decisions)
 
-    def measure(self, topological_map: TopologicalMap) -> Row:
-        """Columns of ``map.csv``, see `MapQuality`."""
+    def measure(self, topological_map: TopologicalMap, pretrained: float) -> Row:
+        """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
         quality = map_quality(
             self._metric,
             self.poses.values,
@@ -53,7 +49,11 @@ class MapTruth:
             topological_map.edge_cost.amin(1),
             far_cells=_FAR_CELLS,
         )
-        return dict(vars(quality))
+        return {
+            **vars(quality),
+            "decisions_to_cover": self.decisions_to_cover,
+            "interaction_to_encode": self.decisions_to_cover + pretrained,
+        }
 
     def draw(self, topological_map: TopologicalMap, title: str) -> Figure:
         """The map over the plan."""
@@ -69,13 +69,11 @@ class MapTruth:
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """What another one needs to continue."""
         return {
             "poses": self.poses.values,
             "decisions_to_cover": self.decisions_to_cover,
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue where `state_dict` was taken."""
         self.poses = WaypointPoses(state["poses"])
         self.decisions_to_cover = state["decisions_to_cover"]

@@ -9,11 +9,7 @@ from torchrl.data.replay_buffers import Storage
 
 from toponav.builders import Networks
 from toponav.config import PretrainConfig, TrainConfig
-from toponav.training.pair_trainer import (
-    PairTrainer,
-    make_pair_trainer,
-    require_finite,
-)
+from toponav.training.pair_trainer import PairTrainer, make_pair_trainer, require_finite
 
 
 def make_pretrainer(

@@ -20,7 +20,7 @@ class Validation:
 
     Args:
         networks: to be measured.
-        config: settings of the run.
+        config: says which pairs, and how many.
         held_out: the episodes, one entry a world.
         autocast: the precision to embed in; comparisons are made in float32.
     """
@@ -71,16 +71,14 @@ class Validation:
         """Measurements in one world, which need no ground truth."""
         held_out, pairs = self.held_out[number], self.pairs[number]
         tc, paper, l_pairs = pairs["tc"], pairs["tc_paper"], pairs["l"]
-        similarity = self.similarity(held_out, tc)
-        close = tc.label > 0.5
+        similarity, close = self.similarity(held_out, tc), tc.label > 0.5
+        as_in_paper = self.similarity(held_out, paper)
         figures = {
             "tc_accuracy": _balanced_accuracy(similarity, tc.label),
             "tc_positives": float((similarity[close] > 0.5).float().mean()),
             "tc_negatives": float((similarity[~close] <= 0.5).float().mean()),
             "tc_auc": float(roc_auc_score(close.numpy(), similarity.numpy())),
-            "tc_accuracy_k4_m5": _balanced_accuracy(
-                self.similarity(held_out, paper), paper.label
-            ),
+            "tc_accuracy_k4_m5": _balanced_accuracy(as_in_paper, paper.label),
         }
         is_right = self.logits(held_out, l_pairs).argmax(-1) == l_pairs.action
         figures["l_accuracy"] = float(is_right.float().mean())

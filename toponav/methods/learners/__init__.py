@@ -3,12 +3,8 @@
 from toponav.methods.learners.a3c import A3CLearner
 from toponav.methods.learners.actor_critic import (
     ActorCriticLearner as ActorCriticLearner,
-    make_actor_critic as make_actor_critic,
 )
 from toponav.methods.learners.ppo import PPOLearner
 
 #: By the name of their settings, ``conf/loss/<name>.yaml``.
-LEARNERS: dict[str, type[ActorCriticLearner]] = {
-    "ppo": PPOLearner,
-    "a3c": A3CLearner,
-}
+LEARNERS: dict[str, type[ActorCriticLearner]] = {"ppo": PPOLearner, "a3c": A3CLearner}

@@ -8,10 +8,7 @@ from omegaconf import MISSING
 from tensordict import TensorDictBase
 
 from toponav.config import require_above_zero, require_between
-from toponav.methods.learners.actor_critic import (
-    ActorCriticConfig,
-    ActorCriticLearner,
-)
+from toponav.methods.learners.actor_critic import ActorCriticConfig, ActorCriticLearner
 from toponav.objectives import A3CLoss, SharedRMSProp
 
 

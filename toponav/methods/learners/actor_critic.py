@@ -23,11 +23,7 @@ from toponav.keys import (
     ACTION,
     ACTION_LOG_PROB,
     DONE,
-    HIDDEN,
     IS_INIT,
-    MEMORY_CELL,
-    PREVIOUS_ACTION,
-    PREVIOUS_REWARD,
     SCALED_REWARD,
     STATE_VALUE,
     TERMINATED,
@@ -37,7 +33,6 @@ from toponav.objectives import ReturnScale
 
 _LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
 _LOGGED = (*_LOSSES, "entropy")
-_STATE = (PREVIOUS_ACTION, PREVIOUS_REWARD, HIDDEN, MEMORY_CELL)
 
 
 @dataclass
@@ -62,19 +57,6 @@ class ActorCriticConfig(LearnerConfig):
             "loss.gamma must be below 1 with loss.normalize_returns",
             f"{self.gamma:g}",
         )
-
-
-def make_actor_critic(settings: ExploreConfig, world: World) -> ActorCritic:
-    """The explorer's network; `PolicyConfig` says what it sees and how wide it is."""
-    policy = settings.policy
-    return ActorCritic(
-        input=policy.input,  # type: ignore[arg-type]
-        embedding_dim=settings.model.embedding_dim,
-        image_size=(policy.view_size, policy.view_size),
-        num_actions=world.spec.num_actions,
-        code_dim=policy.hidden,
-        hidden_dim=policy.hidden,
-    )
 
 
 def linear_decay(share: float, progress: float) -> float:
@@ -134,21 +116,23 @@ class ActorCriticLearner(Consumer, ABC):
         self.loss.critic_coeff.fill_(config.critic_coeff)
         self.loss.set_keys(reward=SCALED_REWARD)
         self.optimizer = self.make_optimizer()
-        later = [self.policy.view_key, *_STATE, DONE, TERMINATED, reward]
-        self.in_keys: Sequence[NestedKey] = [
-            self.policy.view_key,
-            *_STATE,
-            IS_INIT,
-            ACTION,
-            ACTION_LOG_PROB,
-            STATE_VALUE,
-            *(("next", key) for key in later),
-        ]
+        seen = self.policy.in_keys
+        later = [*(key for key in seen if key != IS_INIT), DONE, TERMINATED, reward]
+        now = [*seen, ACTION, ACTION_LOG_PROB, STATE_VALUE]
+        self.in_keys = [*now, *(("next", key) for key in later)]
 
     @staticmethod
     def make_policy(settings: ExploreConfig, world: World) -> ActorCritic:
         """A fresh policy; collecting processes make one too and fetch its weights."""
-        return make_actor_critic(settings, world)
+        policy = settings.policy
+        return ActorCritic(
+            input=policy.input,  # type: ignore[arg-type]
+            embedding_dim=settings.model.embedding_dim,
+            image_size=(policy.view_size, policy.view_size),
+            num_actions=world.spec.num_actions,
+            code_dim=policy.hidden,
+            hidden_dim=policy.hidden,
+        )
 
     @abstractmethod
     def make_loss(self) -> LossModule:
@@ -169,7 +153,12 @@ class ActorCriticLearner(Consumer, ABC):
             Means of the losses and of the policy's entropy over the batch's updates,
             and the learning rate.
         """
-        self._schedule()
+        config, progress = self.config, self.progress()
+        lr = config.lr * linear_decay(config.final_lr, progress)
+        for group in self.optimizer.param_groups:
+            group["lr"] = lr
+        share = linear_decay(config.final_entropy, progress)
+        self.loss.entropy_coeff.fill_(config.entropy_coeff * share)
         device = next(self.policy.parameters()).device
         batch = self.scale(batch).to(device)
         measured = [self._step(piece) for piece in self.minibatches(batch)]
@@ -177,17 +166,10 @@ class ActorCriticLearner(Consumer, ABC):
             name: sum(one[name] for one in measured) / len(measured)
             for name in measured[0]
         }
-        return means | {"lr": float(self.optimizer.param_groups[0]["lr"])}
+        return means | {"lr": lr}
 
     def updated(self) -> Collection[str]:
         return (POLICY,)
-
-    def _schedule(self) -> None:
-        config, progress = self.config, self.progress()
-        for group in self.optimizer.param_groups:
-            group["lr"] = config.lr * linear_decay(config.final_lr, progress)
-        share = linear_decay(config.final_entropy, progress)
-        self.loss.entropy_coeff.fill_(config.entropy_coeff * share)
 
     def _step(self, batch: TensorDictBase) -> dict[str, float]:
         losses = self.loss(batch)

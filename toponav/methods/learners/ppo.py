@@ -10,10 +10,7 @@ from tensordict import TensorDictBase
 
 from toponav.builders import World
 from toponav.config import ExploreConfig, require, require_at_least, require_between
-from toponav.methods.learners.actor_critic import (
-    ActorCriticConfig,
-    ActorCriticLearner,
-)
+from toponav.methods.learners.actor_critic import ActorCriticConfig, ActorCriticLearner
 from toponav.objectives import RecurrentPPOLoss, SequenceMinibatches
 
 

@@ -26,10 +26,7 @@ def make_policies(
 ) -> dict[str, TensorDictModuleBase]:
     """Who plays, by name, in the order of ``evaluate.policies``.
 
-    Args:
-        settings: of the run.
-        knowledge: what the exploration left to its agent.
-        truth: about it; only methods that declare it get it.
+    Only methods that declare the ``truth`` get it.
 
     Raises:
         SettingsError: if a name is unknown, or is of a navigator with settings that

@@ -24,8 +24,7 @@ class NavigatorMethod:
             baselines alone, never for an agent).
         make: from the settings, what it needs and ``seed`` to a policy that reads what
             `make_navigation_env` writes.
-        warn_of_goals: from the policy and the goals to a sentence about those that it
-            cannot know, if there are any.
+        warn_of_goals: from the policy to a sentence about goals that it cannot know.
     """
 
     schema: type[NavigatorConfig]

@@ -32,9 +32,8 @@ class TopologicalConfig(NavigatorConfig):
     lost_for: int = MISSING
 
     def __post_init__(self) -> None:
-        require_at_least(
-            "navigator.untraversed_edge_cost", self.untraversed_edge_cost, 1
-        )
+        cost = self.untraversed_edge_cost
+        require_at_least("navigator.untraversed_edge_cost", cost, 1)
         try:
             self.rules(tc_reach=0.5)
         except ValueError as error:

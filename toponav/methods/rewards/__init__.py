@@ -19,13 +19,7 @@ REWARDS = {
 def make_reward(
     settings: ExploreConfig, world: World, networks: Networks | None
 ) -> RewardMethod:
-    """The reward method that the settings name.
-
-    Args:
-        settings: of the run.
-        world: where the explorer acts.
-        networks: TC-network and L-network; ``None`` in a run without, and in collecting
-            processes, which get weights by mailbox.
+    """The reward method that the settings name; its arguments are `RewardMethod`'s.
 
     Raises:
         SettingsError: if the method does not fit the world or the networks.

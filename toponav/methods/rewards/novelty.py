@@ -1,7 +1,7 @@
 """Novelty by temporal distance: the paper's reward."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from omegaconf import MISSING
 from tensordict import NestedKey
@@ -16,11 +16,11 @@ from toponav.builders import (
     World,
     make_empty_novelty,
     network_dtype,
+    threshold_of,
 )
 from toponav.config import (
     ExploreConfig,
     RewardConfig,
-    SettingsError,
     require_at_least,
     require_between,
     require_choice,
@@ -103,7 +103,8 @@ class NoveltyMethod(RewardMethod):
         if networks is None:
             self.novelty = make_empty_novelty(settings.model, world.spec)
         else:
-            threshold = reward_threshold(networks.thresholds, self.config.threshold)
+            word, found = self.config.threshold, networks.thresholds
+            threshold = threshold_of("reward.threshold", word, _CALIBRATED, found)
             self.novelty = Novelty(networks.tc, threshold)
 
     def modules(self) -> dict[str, nn.Module]:
@@ -111,15 +112,12 @@ class NoveltyMethod(RewardMethod):
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         config = self.config
+        combine: Any
         (alpha, beta), combine = config.weights, config.combine
         transforms: list[Transform] = [
             self.make_memory(),
-            CountReward(alpha, combine=combine),  # type: ignore[arg-type]
-            TemporalDistanceReward(
-                beta,
-                floor=config.floor,
-                combine=combine,  # type: ignore[arg-type]
-            ),
+            CountReward(alpha, combine=combine),
+            TemporalDistanceReward(beta, floor=config.floor, combine=combine),
             IntrinsicReward(),
         ]
         if self.motion is not None:
@@ -164,28 +162,3 @@ class NoveltyMethod(RewardMethod):
 
     def episode_ends(self) -> dict[str, NestedKey]:
         return {"waypoints": NUM_WAYPOINTS}
-
-
-def reward_threshold(thresholds: Mapping[str, float], word: str) -> float:
-    """The similarity at which a view counts as known.
-
-    Args:
-        thresholds: those that were calibrated.
-        word: ``auto``, ``tc`` or a number.
-
-    Raises:
-        SettingsError: if it should be a calibrated one and there is none.
-
-    Examples:
-        >>> reward_threshold({"tc_threshold": 0.9}, "tc")
-        0.9
-    """
-    name = _CALIBRATED.get(word)
-    if name is None:
-        return float(word)
-    if name not in thresholds:
-        raise SettingsError(
-            f"reward.threshold must be a number with networks that have no calibrated "
-            f"{name}, got {word}"
-        )
-    return min(float(thresholds[name]), 0.999)

@@ -1,5 +1,7 @@
 """Worlds: where an agent acts. A new one is a file here and a line in `WORLDS`."""
 
+from dataclasses import replace
+
 from toponav.builders import World
 from toponav.config import ExploreConfig, PretrainConfig, require
 from toponav.methods.worlds.gym import GymWorld
@@ -18,7 +20,7 @@ def make_world(settings: ExploreConfig | PretrainConfig) -> World:
     Raises:
         SettingsError: if they name no world, or one that cannot be made.
     """
-    return WORLDS[settings.world.name].make(settings)
+    return WORLDS[settings.world.name](settings)
 
 
 def make_worlds(settings: PretrainConfig) -> list[World]:
@@ -27,11 +29,7 @@ def make_worlds(settings: PretrainConfig) -> list[World]:
     Raises:
         SettingsError: as `make_world`, or if only mazes can be named.
     """
-    world = make_world(settings)
-    if not settings.mazes:
-        return [world]
-    require(
-        isinstance(world, MazeWorld), "mazes must be empty in other worlds", world.name
-    )
-    assert isinstance(world, MazeWorld)
-    return [world.named(name) for name in settings.mazes]
+    name, mazes = settings.world.name, settings.mazes
+    require(not mazes or name == "maze", "mazes must be empty in other worlds", name)
+    each = [replace(settings.maze, name=one) for one in mazes] or [settings.maze]
+    return [make_world(replace(settings, maze=maze)) for maze in each]

@@ -21,9 +21,6 @@ class GymWorldConfig(WorldConfig):
 class GymWorld:
     """A Gymnasium environment: it tells no ground truth.
 
-    Args:
-        config: which one.
-
     Raises:
         SettingsError: if there is no such environment, it has no pixels, or its actions
             are not discrete.
@@ -31,20 +28,15 @@ class GymWorld:
 
     schema = GymWorldConfig
 
-    def __init__(self, config: GymWorldConfig) -> None:
-        self.config = config
+    def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
+        assert isinstance(settings.world, GymWorldConfig)
+        self.config = config = settings.world
         self.name = config.label
         self.episode_length = config.episode_length
         self.layout: Layout | None = None
         env = self.make_env(batch_size=1, seed=0)
         self.spec: WorldSpec = env.world
         env.close()
-
-    @classmethod
-    def make(cls, settings: ExploreConfig | PretrainConfig) -> "GymWorld":
-        """The world of a recipe's settings."""
-        assert isinstance(settings.world, GymWorldConfig)
-        return cls(settings.world)
 
     def make_env(
         self,

@@ -5,12 +5,7 @@ from dataclasses import dataclass, replace
 from torchrl.envs import EnvBase
 
 from toponav.builders import engine_world, make_env, make_layout
-from toponav.config import (
-    ExploreConfig,
-    MazeConfig,
-    PretrainConfig,
-    WorldConfig,
-)
+from toponav.config import ExploreConfig, PretrainConfig, WorldConfig
 from toponav.envs import Layout
 from toponav.worlds import WorldSpec
 
@@ -23,32 +18,18 @@ class MazeWorldConfig(WorldConfig):
 class MazeWorld:
     """A maze: it reports poses, cells and slots, so that coverage can be reported.
 
-    Args:
-        maze: the maze.
-        engine: name of the engine that draws it.
-
     Raises:
         SettingsError: if the maze or the engine is unknown.
     """
 
     schema = MazeWorldConfig
 
-    def __init__(self, maze: MazeConfig, engine: str) -> None:
-        self.spec: WorldSpec = engine_world(engine)
-        self.maze = maze
-        self.engine = engine
-        self.name = maze.name
-        self.episode_length = maze.episode_length
-        self.layout: Layout | None = make_layout(maze)
-
-    @classmethod
-    def make(cls, settings: ExploreConfig | PretrainConfig) -> "MazeWorld":
-        """The maze of a recipe's settings."""
-        return cls(settings.maze, settings.engine)
-
-    def named(self, name: str) -> "MazeWorld":
-        """Another maze of the package with the same settings."""
-        return MazeWorld(replace(self.maze, name=name), self.engine)
+    def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
+        self.maze, self.engine = settings.maze, settings.engine
+        self.spec: WorldSpec = engine_world(self.engine)
+        self.name = self.maze.name
+        self.episode_length = self.maze.episode_length
+        self.layout: Layout | None = make_layout(self.maze)
 
     def make_env(
         self,
@@ -59,11 +40,9 @@ class MazeWorld:
         episode_length: int | None = None,
     ) -> EnvBase:
         """A batch of mazes; ``episode_length`` replaces that of the settings."""
-        maze = self.maze
-        if episode_length is not None:
-            maze = replace(maze, episode_length=episode_length)
+        length = episode_length or self.episode_length
         return make_env(
-            maze,
+            replace(self.maze, episode_length=length),
             engine=self.engine,
             batch_size=batch_size,
             seed=seed,
