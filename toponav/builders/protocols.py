@@ -106,8 +106,8 @@ class RewardMethod(Consumer):
             processes.
     """
 
-    #: The schema of its settings.
-    schema: ClassVar[type[RewardConfig]]
+    #: The schema of its settings; none but its name unless it says so.
+    schema: ClassVar[type[RewardConfig]] = RewardConfig
     config: RewardConfig
     #: Whether it cannot do without a TC-network, and pre-trains one if none is given.
     needs_networks: ClassVar[bool] = False

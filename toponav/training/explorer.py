@@ -68,15 +68,8 @@ def make_explore_env(
     """A batch of environments with everything that the explorer and its log read.
 
     Ground truth (coverage, spurious waypoints, poses) is there for the log alone; no
-    network reads a privileged key.
-
-    Args:
-        settings: of the run.
-        world: where the explorer acts.
-        explorer: its networks in ``eval()`` mode.
-        envs: number E of environments side by side.
-        seed: of the episodes.
-        stagger: whether the first episodes are cut at different lengths.
+    network reads a privileged key. The explorer's networks must be in ``eval()`` mode.
+    ``stagger`` cuts the first episodes at different lengths.
 
     Raises:
         SettingsError: if the settings do not fit the world.

@@ -112,7 +112,6 @@ class ActorCriticLearner(Consumer, ABC):
         self.loss.make_value_estimator(
             ValueEstimators.GAE, gamma=config.gamma, lmbda=config.lmbda
         )
-        self.loss.entropy_coeff.fill_(config.entropy_coeff)
         self.loss.critic_coeff.fill_(config.critic_coeff)
         self.loss.set_keys(reward=SCALED_REWARD)
         self.optimizer = self.make_optimizer()

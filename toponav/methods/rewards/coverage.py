@@ -1,15 +1,8 @@
 """Coverage: pays for cells entered for the first time, by the ground truth."""
 
-from dataclasses import dataclass
-
 from toponav.builders import Networks, RewardMethod, World
-from toponav.config import ExploreConfig, RewardConfig, require
+from toponav.config import ExploreConfig, require
 from toponav.keys import COVERAGE_REWARD
-
-
-@dataclass
-class CoverageConfig(RewardConfig):
-    """Settings of ``reward=coverage``."""
 
 
 class CoverageMethod(RewardMethod):
@@ -22,7 +15,6 @@ class CoverageMethod(RewardMethod):
         SettingsError: in a world without ground truth.
     """
 
-    schema = CoverageConfig
     selection_metric = "coverage"
     reward_key = COVERAGE_REWARD
 

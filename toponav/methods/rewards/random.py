@@ -1,24 +1,15 @@
 """Random rewards: a control for learners."""
 
-from dataclasses import dataclass
-
 from torchrl.envs.transforms import Transform
 
 from toponav.builders import RewardMethod
-from toponav.config import RewardConfig
 from toponav.keys import INTRINSIC_REWARD
 from toponav.transforms import RandomReward
-
-
-@dataclass
-class RandomConfig(RewardConfig):
-    """Settings of ``reward=random``."""
 
 
 class RandomMethod(RewardMethod):
     """A random number in [0, 1) in each decision: what a learner makes of no reward."""
 
-    schema = RandomConfig
     selection_metric = None
     reward_key = INTRINSIC_REWARD
 

@@ -1,6 +1,6 @@
 """The mazes of ``conf/maze``, on an engine."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from torchrl.envs import EnvBase
 
@@ -10,11 +10,6 @@ from toponav.envs import Layout
 from toponav.worlds import WorldSpec
 
 
-@dataclass
-class MazeWorldConfig(WorldConfig):
-    """Settings of ``world=maze``; those of the maze are in ``conf/maze``."""
-
-
 class MazeWorld:
     """A maze: it reports poses, cells and slots, so that coverage can be reported.
 
@@ -22,7 +17,8 @@ class MazeWorld:
         SettingsError: if the maze or the engine is unknown.
     """
 
-    schema = MazeWorldConfig
+    # The settings of the maze are in ``conf/maze``.
+    schema = WorldConfig
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
         self.maze, self.engine = settings.maze, settings.engine
