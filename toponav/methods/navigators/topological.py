@@ -50,16 +50,7 @@ class TopologicalConfig(NavigatorConfig):
 
 @dataclass(frozen=True)
 class NavigatorMap:
-    """A map as one navigator reads it, which must not change any more; see `Map`.
-
-    Args:
-        num_waypoints: W.
-        embeddings: float32 ``[W, D]``.
-        prepared: what a comparison needs of each waypoint, ``[W, P]``.
-        edges: int64 ``[E, 2]``.
-        edge_cost: float32 ``[E, 2]``, there and back.
-        version: of the map.
-    """
+    """A `Map` as one navigator reads it, which must not change any more."""
 
     num_waypoints: int
     embeddings: Tensor
