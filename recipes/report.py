@@ -44,14 +44,16 @@ def main(settings: SweepReportConfig, _: Path) -> None:
 
         # One file of each kind, or one for each recipe.
         path = folder / ("report" if len(present) == 1 else f"report_{name}")
-        summaries = [
-            summarize_scores(scores, draws=settings.draws) for scores in report.scores
-        ]
-        heads = {"subject": report.subject, "unit": report.unit}
-        table = markdown_table(summaries, **heads)
+        scores = summarize_scores(
+            report.scores,
+            subject=report.subject,
+            unit=report.unit,
+            draws=settings.draws,
+        )
+        table = markdown_table(scores)
         left_out = "".join(f"\n- {sentence}" for sentence in report.left_out)
         write_text(Path(f"{path}.md"), f"{table}{left_out}".rstrip() + "\n")
-        write_text(Path(f"{path}.csv"), csv_table(summaries, **heads))
+        write_text(Path(f"{path}.csv"), csv_table(scores))
         save_figure(report.figure, f"{path}.png")
         texts.append(f"{table}\nwritten to {path}.md, .csv and .png")
     if not texts:

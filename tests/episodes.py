@@ -32,11 +32,7 @@ def episode() -> TensorDict:
     observed = TensorDict(
         {"privileged": place, "is_new_waypoint": column(IS_NEW_WAYPOINT)}, [5]
     )
-    paid = {
-        "intrinsic_reward": reward[1:],
-        "count_reward": reward[1:] * 0.25,
-        "temporal_distance_reward": reward[1:] * 0.75,
-    }
+    paid = {"intrinsic_reward": reward[1:]}
     root = TensorDict(observed[:4].to_dict(), [4])
     root["next"] = TensorDict({**observed[1:].to_dict(), **paid}, [4])
     return root

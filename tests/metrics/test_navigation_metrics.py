@@ -6,13 +6,11 @@ from tensordict import TensorDict
 
 from toponav.ground_truth import GroundTruthDistances, pick_goal_views
 from toponav.metrics import (
-    FAULTS,
     NavigationTrace,
     classify_decisions,
     detection_delays,
     find_legs,
     first_goal,
-    goals_reached,
     judge_cuts,
     mean_detour,
     measure_legs,
@@ -21,6 +19,7 @@ from toponav.metrics import (
     success_within,
     trace_navigation,
 )
+from toponav.metrics.navigation_faults import FAULTS
 
 # A ring of 5 x 3 cells with a slot in the middle of its upper side; 128 units a cell.
 #   . . a . .
@@ -58,12 +57,11 @@ AROUND = [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (2, 3), (2, 4), (1, 4)]
 
 def test_goals_and_first_goal():
     trace = trace_of(STRAIGHT + AROUND, reached=(3, 11))
-    assert goals_reached(trace).tolist() == [2]
     assert first_goal(trace).tolist() == [4]
     assert first_goal(trace_of(STRAIGHT)).tolist() == [-1]
-    legs = [(leg.start, leg.end, leg.reached) for leg in find_legs(trace)]
-    assert legs == [(0, 4, True), (4, 12, True)]
-    cut_off = find_legs(trace_of(STRAIGHT, reached=(1,)))[-1]
+    legs = find_legs(trace)[["episode", "start", "end", "reached"]]
+    assert legs.to_numpy().tolist() == [[0, 0, 4, True], [0, 4, 12, True]]
+    cut_off = find_legs(trace_of(STRAIGHT, reached=(1,))).iloc[-1]
     assert (cut_off.decisions, cut_off.reached) == (2, False)
 
 
@@ -118,12 +116,12 @@ def test_cuts_are_judged_by_the_truth():
     waypoints = DISTANCES.centres([(0, 1), (0, 3), (2, 2), (2, 1), (0, 0)])
     cuts = {"cut_from": [0, 2, 2, 0, -1], "cut_to": [1, 0, 3, 4, -1]}
     shut = trace_of([(0, 1)] * 5, closed=True, **cuts)
-    verdicts = [cut.verdict for cut in judge_cuts(shut, DISTANCES, waypoints)]
+    verdicts = judge_cuts(shut, DISTANCES, waypoints).verdict.tolist()
     # The last edge leads back from the slot, but from where the goal is cut off.
     assert verdicts == ["blockage", "false_edge", "false_block", "blockage"]
     # With the slot open there is no blockage: two cells apart is no false edge.
     free = trace_of([(0, 1)] * 5, closed=False, **cuts)
-    verdicts = [cut.verdict for cut in judge_cuts(free, DISTANCES, waypoints)]
+    verdicts = judge_cuts(free, DISTANCES, waypoints).verdict.tolist()
     assert verdicts == ["false_block", "false_edge", "false_block", "false_block"]
 
 
@@ -137,14 +135,14 @@ def test_a_cut_far_from_the_slot_is_no_blockage():
     trace = trace_of(
         [(0, 1)] * 2, goal=(0, 8), closed=True, cut_from=[0, 2], cut_to=[1, 3]
     )
-    verdicts = [cut.verdict for cut in judge_cuts(trace, distances, waypoints)]
+    verdicts = judge_cuts(trace, distances, waypoints).verdict.tolist()
     assert verdicts == ["false_block", "blockage"]
 
 
 def test_an_edge_into_the_closed_slot_is_a_blockage():
     waypoints = DISTANCES.centres([(0, 1), SLOT])
     trace = trace_of([(0, 1)], closed=True, cut_from=[0], cut_to=[1])
-    assert judge_cuts(trace, DISTANCES, waypoints)[0].verdict == "blockage"
+    assert judge_cuts(trace, DISTANCES, waypoints).verdict.tolist() == ["blockage"]
 
 
 def test_detection_delay_counts_from_standing_before_the_slot():
@@ -157,7 +155,7 @@ def test_detection_delay_counts_from_standing_before_the_slot():
     )
     cuts = judge_cuts(trace, DISTANCES, waypoints)
     assert detection_delays(trace, DISTANCES, cuts).tolist() == [4]
-    assert detection_delays(trace, DISTANCES, []).tolist() == []
+    assert detection_delays(trace, DISTANCES, cuts[:0]).tolist() == []
 
 
 def test_each_decision_has_the_first_fault_that_fits():

@@ -4,7 +4,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from rliable.metrics import aggregate_iqm
 
-from toponav.metrics import bootstrap, correlation, running_mean, top_mean
+from toponav.metrics import bootstrap, correlation, running_mean
+from toponav.metrics.statistics import top_mean
 
 NAN = float("nan")
 FLOATS = st.floats(-1000, 1000)

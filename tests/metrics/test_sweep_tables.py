@@ -1,6 +1,7 @@
 import csv
 import io
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,36 +25,38 @@ SCORES = [
     ),
     Scores({"maze": "maze3"}, "a|b", "coverage (%)", np.array([[40.0]])),
 ]
-SUMMARIES = [summarize_scores(scores) for scores in SCORES]
+TABLE = summarize_scores(SCORES, subject="policy")
 
 
-def test_a_summary_has_mean_iqm_and_top_five() -> None:
-    first, second = SUMMARIES
-    assert first.mean.value == pytest.approx(470 / 6)
+def row_of(values: np.ndarray) -> Any:
+    one = Scores({}, "random", "coverage (%)", values)
+    return summarize_scores([one], subject="policy", unit="episodes").loc[0]
+
+
+def test_a_group_has_mean_iqm_and_top_five() -> None:
+    first, second = TABLE.loc[0], TABLE.loc[1]
+    assert first["mean"].value == pytest.approx(470 / 6)
     # A quarter of six, rounded down, is one: 70, 70, 80, 90 are left.
     assert first.iqm.value == pytest.approx(77.5)
-    assert first.top == pytest.approx((470 - 60) / 5)
-    assert (first.num_runs, first.num_values) == (2, 6)
-    assert math.isnan(second.top)
+    assert first.top_5 == pytest.approx((470 - 60) / 5)
+    assert (first.runs, first["values"]) == (2, 6)
+    assert math.isnan(second.top_5)
 
 
 def test_episodes_of_no_run_are_counted_alone() -> None:
-    one = summarize_scores(Scores({}, "random", "coverage (%)", np.array([40.0, 50.0])))
-    assert (one.num_runs, one.num_values) == (0, 2)
-    text = markdown_table([one], subject="policy", unit="episodes")
-    head, _, row = text.splitlines()
+    one = row_of(np.array([40.0, 50.0])).to_frame().T
+    head, _, row = markdown_table(one).splitlines()
     assert cells(head)[-2:] == ["runs", "episodes"]
     assert cells(row)[-2:] == ["-", "2"]
-    assert csv_table([one], subject="policy").rstrip().endswith(",,2")
+    assert csv_table(one).rstrip().endswith(",,2")
 
 
 def test_the_interval_counts_runs_as_runs() -> None:
     runs = np.repeat([[20.0], [80.0]], 20, axis=1)
-    apart = summarize_scores(Scores({}, "", "", runs))
-    together = summarize_scores(Scores({}, "", "", runs.reshape(1, -1)))
+    apart, together = row_of(runs), row_of(runs.reshape(1, -1))
     # One of two runs may be drawn twice; of 40 episodes the mean is sure to 9 or so.
-    assert (apart.mean.low, apart.mean.high) == (20, 80)
-    assert together.mean.low == pytest.approx(41, abs=2)
+    assert (apart["mean"].low, apart["mean"].high) == (20, 80)
+    assert together["mean"].low == pytest.approx(41, abs=2)
     assert (apart.iqm.low, apart.iqm.high) == (20, 80)
 
 
@@ -62,15 +65,14 @@ def cells(line: str) -> list[str]:
 
 
 def test_markdown_has_a_row_each_and_aligned_columns() -> None:
-    text = markdown_table(SUMMARIES, subject="policy")
-    head, rule, first, second = text.splitlines()
+    head, rule, first, second = markdown_table(TABLE).splitlines()
     assert cells(head) == [
         *["maze", "reward.alpha", "policy", "measure", "mean (95 %)", "IQM (95 %)"],
         *["top 5", "decisions to 90 %", "share to 90 % (%)", "runs", "values"],
     ]
     assert set(rule) == {"|", "-"}
     assert len({len(line) for line in (head, rule, first)}) == 1
-    mean = SUMMARIES[0].mean
+    mean = TABLE["mean"][0]
     row = cells(first)
     assert row[:4] == ["maze3", "0.2", "best", "coverage (%)"]
     assert row[4] == f"78.3 ({mean.low:.1f} to {mean.high:.1f})"
@@ -82,15 +84,15 @@ def test_markdown_has_a_row_each_and_aligned_columns() -> None:
 
 
 def test_csv_has_the_numbers_by_themselves() -> None:
-    rows = list(csv.DictReader(io.StringIO(csv_table(SUMMARIES, subject="policy"))))
+    rows = list(csv.DictReader(io.StringIO(csv_table(TABLE))))
     assert [row["policy"] for row in rows] == ["best", "a|b"]
-    assert float(rows[0]["mean_low"]) == pytest.approx(SUMMARIES[0].mean.low, abs=1e-3)
+    assert float(rows[0]["mean_low"]) == pytest.approx(TABLE["mean"][0].low, abs=1e-3)
     assert float(rows[0]["top_5"]) == 82
     assert rows[1]["mean_low"] == rows[1]["top_5"] == rows[1]["decisions to 90 %"] == ""
 
 
 def test_a_table_of_nothing_is_empty() -> None:
-    assert markdown_table([], subject="policy") == ""
+    assert markdown_table(summarize_scores([], subject="policy")) == ""
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,22 @@
-"""`EpisodeTrace`: one explored episode as arrays, for its numbers and its pictures."""
+"""One explored episode as arrays, for its numbers and its pictures."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
+from scipy.stats import entropy
 from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
 
 from toponav.keys import (
     CELL,
-    COUNT_REWARD,
     COVERAGE,
     HEADING,
     INTRINSIC_REWARD,
     IS_NEW_WAYPOINT,
     POSITION,
     SPURIOUS_WAYPOINT,
-    TEMPORAL_DISTANCE_REWARD,
 )
 from toponav.metrics.statistics import Bools, Floats, Ints
 
@@ -33,30 +32,9 @@ class EpisodeTrace:
     coverage: Floats  # [T] in [0, 1]
     is_new_waypoint: Bools  # [T]; the observation became a waypoint
     spurious_waypoint: Bools  # [T]; it did, beside one that looks the same way
-    count_reward: Floats  # [T], a part of the reward
-    temporal_distance_reward: Floats  # [T], the other part
-
-    def __post_init__(self) -> None:
-        lengths = {name: len(values) for name, values in vars(self).items()}
-        if len(set(lengths.values())) > 1 or len(self.positions) < 2:
-            raise ValueError(
-                f"an episode's arrays must have one length of at least 2, got {lengths}"
-            )
 
     def __len__(self) -> int:
         return len(self.positions)
-
-    def numbers(self) -> dict[str, float]:
-        """Sums and numbers by name; the first waypoint, which all have, is not new."""
-        return {
-            "coverage": float(self.coverage[-1]),
-            "intrinsic_return": float(self.reward.sum()),
-            "count_return": float(self.count_reward.sum()),
-            "temporal_distance_return": float(self.temporal_distance_reward.sum()),
-            "new_waypoints": float(self.is_new_waypoint[1:].sum()),
-            "spurious_waypoints": float(self.spurious_waypoint[1:].sum()),
-            "waypoints": float(self.is_new_waypoint.sum()),
-        }
 
 
 def trace_episode(
@@ -64,34 +42,56 @@ def trace_episode(
 ) -> EpisodeTrace:
     """The ``T + 1`` observations of an episode ``[T]`` of a rollout or a collector.
 
-    The privileged entries must be there; missing rewards and marks of waypoints are 0.
+    The privileged entries must be there; a missing reward and marks of waypoints are 0.
     ``reward`` is the key of what the explorer learned from.
     """
     if episode.batch_dims != 1:
         raise ValueError(f"episode must be [T], got {tuple(episode.batch_size)}")
-
     before, after = episode[:1], episode.get("next")
+    none = torch.zeros(len(episode), 1)
 
-    def observed(key: NestedKey) -> NDArray[Any]:
-        return np.asarray(torch.cat([before[key], after[key]]).cpu())
+    def join(first: Tensor, later: Tensor) -> np.ndarray:
+        return torch.cat([first.cpu(), later.cpu()]).numpy()
+
+    def observed(key: NestedKey) -> Floats:
+        return join(before[key], after[key]).astype(np.float64)
 
     def marked(key: NestedKey) -> Bools:
-        none = torch.zeros(len(episode), 1, dtype=torch.bool)
-        marks = [before.get(key, none[:1]), after.get(key, none)]
-        return np.asarray(torch.cat([one.cpu() for one in marks])).reshape(-1)
+        return join(before.get(key, none[:1]), after.get(key, none)).astype(bool)[:, 0]
 
-    def rewards(key: NestedKey) -> Floats:
-        values = after.get(key, torch.zeros(len(episode), 1)).reshape(-1)
-        return np.concatenate([[0.0], np.asarray(values.cpu(), np.float64)])
-
+    paid = after.get(reward, none).double()
     return EpisodeTrace(
-        positions=observed(POSITION).astype(np.float64),
-        headings=observed(HEADING).astype(np.float64).reshape(-1),
-        cells=observed(CELL),
-        reward=rewards(reward),
-        coverage=observed(COVERAGE).astype(np.float64).reshape(-1),
+        positions=observed(POSITION),
+        headings=observed(HEADING)[:, 0],
+        cells=join(before[CELL], after[CELL]),
+        # What came with the first observation was paid before this episode.
+        reward=join(none[:1], paid)[:, 0],
+        coverage=observed(COVERAGE)[:, 0],
         is_new_waypoint=marked(IS_NEW_WAYPOINT),
         spurious_waypoint=marked(SPURIOUS_WAYPOINT),
-        count_reward=rewards(COUNT_REWARD),
-        temporal_distance_reward=rewards(TEMPORAL_DISTANCE_REWARD),
     )
+
+
+def occupancy(cells: ArrayLike, shape: tuple[int, int]) -> Floats:
+    """Share of the time spent in each cell of a layout, by cells ``[*, 2]``."""
+    places = np.asarray(cells, np.int64).reshape(-1, 2)
+    if not len(places):
+        raise ValueError("cells must have at least one entry, got none")
+    if (places < 0).any() or (places >= shape).any():
+        got = f"{places.min(0).tolist()} to {places.max(0).tolist()}"
+        raise ValueError(f"cells must lie in a layout of {shape}, got {got}")
+    count = np.zeros(shape)
+    np.add.at(count, tuple(places.T), 1)
+    return count / len(places)
+
+
+def effective_cells(share: ArrayLike) -> float:
+    """Number of cells among which equally shared time would be as spread out.
+
+    The exponential of the entropy of the shares, which sum to 1.
+
+    Examples:
+        >>> round(effective_cells([0.5, 0.5, 0.0]), 3)
+        2.0
+    """
+    return float(np.exp(entropy(np.ravel(share))))

@@ -180,11 +180,7 @@ def _merge(
     position: Tensor, heading: Tensor, counts: Tensor, resolution: float
 ) -> tuple[Tensor, Tensor]:
     place = torch.cat([position / resolution, heading.unsqueeze(1)], 1).round()
-    # One number a place: several times as fast as unique rows.
-    place = (place - place.amin(0)).long()
-    size = place.amax(0) + 1
-    key = (place[:, 0] * size[1] + place[:, 1]) * size[2] + place[:, 2]
-    found, number = key.unique(return_inverse=True)
+    found, number = place.unique(dim=0, return_inverse=True)
     merged = counts.new_zeros(len(found), counts.shape[1])
     one = torch.empty(len(found), dtype=torch.int64)
     one[number] = torch.arange(len(number))

@@ -1,13 +1,20 @@
 """How good a topological map is, by ground truth that the map itself never sees."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import rustworkx
 import torch
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 from torch import Tensor
 
 from toponav.ground_truth import GroundTruthDistances, wrap_degrees
+
+# A pair of waypoints is close up to this distance on foot and difference of headings.
+_NEAR_CELLS, _NEAR_DEGREES = 1.0, 45.0
+# Random waypoints from which pairs and paths start.
+_SAMPLES = 100
 
 
 @dataclass(frozen=True)
@@ -37,10 +44,7 @@ def map_quality(
     edge_cost: Tensor,
     *,
     far_cells: float = 3.0,
-    near_cells: float = 1.0,
-    near_degrees: float = 45.0,
     hops: int = 3,
-    samples: int = 100,
     seed: int = 0,
 ) -> MapQuality:
     """Judge a map by the poses of its W waypoints.
@@ -51,11 +55,8 @@ def map_quality(
         edges: int64 ``[E, 2]``.
         edge_cost: ``[E]``, by which paths are planned.
         far_cells: an edge is false if its ends are farther apart on foot, in cells.
-        near_cells: a pair is close up to this distance on foot, in cells,
-        near_degrees: and up to this difference of headings.
         hops: a path of at most so many edges is short.
-        samples: random waypoints from which pairs and paths start.
-        seed: of the draw.
+        seed: of the draw of waypoints.
 
     Examples:
         >>> distances = GroundTruthDistances(torch.ones(1, 6).bool(), cell_size=10)
@@ -75,22 +76,21 @@ def map_quality(
     ends = edges.T.tolist()
     graph.add_edges_from(list(zip(*ends, edge_cost.tolist(), strict=True)))
     parts = [len(part) for part in rustworkx.connected_components(graph)]
-    false_length = far_cells * distances.cell_size
-    far = edge_lengths(distances, poses, edges) > false_length
+    far = edge_lengths(distances, poses, edges) > far_cells * distances.cell_size
     generator = torch.Generator().manual_seed(seed)
-    drawn = torch.randperm(len(poses), generator=generator)[:samples].tolist()
-    near = (near_cells * distances.cell_size, near_degrees)
-    stretches, leads_wrong = _planned_paths(
-        distances, poses, graph, drawn, false_length, generator
+    drawn = torch.randperm(len(poses), generator=generator)[:_SAMPLES]
+    stretches, farthest = _planned_paths(
+        distances, poses, graph, drawn.tolist(), generator
     ).unbind(1)
+    leads_wrong = farthest > far_cells * distances.cell_size
     return MapQuality(
         waypoints=len(poses),
         edges=len(edges),
         coverage=float(covered_cells(distances, poses).float().mean()),
         false_edges=float(far.float().mean()),
         false_walked_edges=float(far[edge_cost <= 1].float().mean()),
-        false_paths=float(leads_wrong.mean()),
-        missing_edges=_missing(distances, poses, graph, drawn, near, hops),
+        false_paths=float(leads_wrong.float().mean()),
+        missing_edges=_missing_edges(distances, poses, edges, drawn, hops),
         components=len(parts),
         largest_component=max(parts, default=0) / max(len(poses), 1),
         stretch=float(stretches.median()) if len(stretches) else float("nan"),
@@ -101,8 +101,7 @@ def map_quality(
 def covered_cells(distances: GroundTruthDistances, poses: Tensor) -> Tensor:
     """In which open cells of `Routes` one of the poses lies, bool ``[N]``."""
     covered = torch.zeros(len(distances.routes.cells), dtype=torch.bool)
-    if len(poses):
-        covered[distances.cell_numbers(poses[:, :2])] = True
+    covered[distances.cell_numbers(poses[:, :2])] = True
     return covered
 
 
@@ -110,53 +109,45 @@ def edge_lengths(
     distances: GroundTruthDistances, poses: Tensor, edges: Tensor
 ) -> Tensor:
     """How far the ends of each edge are apart on foot, map units ``[E]``."""
-    if not len(edges):
-        return torch.zeros(0)
     one, other = poses[edges.T, :2]
     return distances.geodesic(one, other)
 
 
-def _missing(
+def _missing_edges(
     distances: GroundTruthDistances,
     poses: Tensor,
-    graph: rustworkx.PyGraph,
-    drawn: Sequence[int],
-    near: tuple[float, float],
+    edges: Tensor,
+    drawn: Tensor,
     hops: int,
 ) -> float:
-    distance, angle = near
-    found: list[bool] = []
-    for one in drawn:
-        turned = wrap_degrees(poses[:, 2] - poses[one, 2]).abs() <= angle
-        beside = (poses[:, :2] - poses[one, :2]).norm(dim=-1) <= distance
-        others = (turned & beside).nonzero().flatten()
-        others = others[others != one]
-        if not len(others):
-            continue
-        away = distances.geodesic(poses[one, :2], poses[others, :2])
-        reached = {one}
-        for _ in range(hops):
-            reached |= {far for node in reached for far in graph.neighbors(node)}
-        found += [other not in reached for other in others[away <= distance].tolist()]
-    return sum(found) / len(found) if found else float("nan")
+    limit = _NEAR_CELLS * distances.cell_size
+    gap = poses - poses[drawn].unsqueeze(1)
+    turned = wrap_degrees(gap[..., 2]).abs() <= _NEAR_DEGREES
+    pairs = (turned & (gap[..., :2].norm(dim=-1) <= limit)).nonzero()
+    pairs = pairs[drawn[pairs[:, 0]] != pairs[:, 1]]
+    ends = torch.stack([drawn[pairs[:, 0]], pairs[:, 1]], 1)
+    row, other = pairs[edge_lengths(distances, poses, ends) <= limit].T.numpy()
+    if not len(row):
+        return float("nan")
+    links = (np.ones(len(edges)), tuple(edges.T.numpy()))
+    graph = csr_array(links, shape=(len(poses), len(poses)))
+    away = dijkstra(graph, directed=False, indices=drawn, unweighted=True, limit=hops)
+    return float(np.isinf(away[row, other]).mean())
 
 
 def _planned_paths(
     distances: GroundTruthDistances,
     poses: Tensor,
     graph: rustworkx.PyGraph,
-    drawn: Sequence[int],
-    false_length: float,
+    drawn: list[int],
     generator: torch.Generator,
 ) -> Tensor:
-    """Stretch of planned paths between random waypoints, and 1 for false ones."""
+    """Stretch and longest edge of paths between random waypoints, ``[P, 2]``."""
     found: list[tuple[float, float]] = []
-    if len(poses) < 2:
-        return torch.tensor(found).reshape(-1, 2)
-    for one in drawn:
+    for one in drawn if len(poses) > 1 else ():
         further = int(torch.randint(1, len(poses), (), generator=generator))
         goal = (one + further) % len(poses)
-        shortest = float(distances.geodesic(poses[one, :2], poses[goal, :2]))
+        shortest = float(edge_lengths(distances, poses, torch.tensor([[one, goal]])))
         # A detour of a step would weigh too much on a path of two.
         if shortest < 2 * distances.cell_size:
             continue
@@ -164,8 +155,6 @@ def _planned_paths(
         if goal not in paths.keys():  # noqa: SIM118
             continue
         path = torch.tensor(list(paths[goal]))
-        steps = torch.stack([path[:-1], path[1:]], 1)
-        lengths = edge_lengths(distances, poses, steps)
-        is_false = bool((lengths > false_length).any())
-        found.append((float(lengths.sum()) / shortest, float(is_false)))
+        lengths = edge_lengths(distances, poses, path.unfold(0, 2, 1))
+        found.append((float(lengths.sum()) / shortest, float(lengths.max())))
     return torch.tensor(found).reshape(-1, 2)

@@ -1,17 +1,12 @@
 """What went wrong in navigation: cuts judged by ground truth, why legs were slow."""
 
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
+import pandas as pd
 
 from toponav.ground_truth import GroundTruthDistances
 from toponav.metrics.navigation_trace import NavigationTrace, find_legs
 from toponav.metrics.statistics import Bools, Floats, Ints
 
-Verdict = Literal["blockage", "false_edge", "false_block"]
 #: What a decision suffered from, in the order in which it is looked for.
 FAULTS = ("lost", "wrong_place", "wrong_goal", "false_edge", "homing", "controller")
 
@@ -20,25 +15,17 @@ FAULTS = ("lost", "wrong_place", "wrong_goal", "false_edge", "homing", "controll
 _OFF, _FAR, _BEFORE, _NEAR = 2.0, 3.0, 1.5, 3.0
 
 
-@dataclass(frozen=True)
-class Cut:
-    """Edges that an agent closed in one decision of an episode.
-
-    It is a ``"blockage"`` if closed slots make the path between the ends of the edge,
-    or with a slot within three cells the path to the goal, at least a cell longer; a
-    ``"false_edge"`` if the ends are more than three cells apart even so; else a
-    ``"false_block"``.
-    """
-
-    episode: int
-    decision: int
-    verdict: Verdict
-
-
 def judge_cuts(
     trace: NavigationTrace, distances: GroundTruthDistances, waypoints: Floats
-) -> list[Cut]:
-    """Judge all cuts of a trace by the true positions ``[W, 2]`` of the waypoints."""
+) -> pd.DataFrame:
+    """Judge the edges that an agent closed, a row for each decision that closed some.
+
+    Columns are ``episode``, ``decision`` and ``verdict``: a ``"blockage"`` if closed
+    slots make the path between the ends of the edge, or with a slot within three cells
+    the path to the goal, at least a cell longer; a ``"false_edge"`` if the ends are
+    more than three cells apart even so; else a ``"false_block"``. ``waypoints`` are the
+    true positions of the map's waypoints, ``[W, 2]``.
+    """
     found = []
     for episode, decision in np.argwhere(trace.cut_from >= 0).tolist():
         at = (episode, decision)
@@ -46,16 +33,15 @@ def judge_cuts(
         goal, closed = distances.centres(trace.goal_cells[at]), trace.blocked[at]
         slots = distances.centres(np.reshape(distances.slot_cells, (-1, 2))[closed])
         away = np.linalg.norm(slots - start, axis=1) / distances.cell_size
-        is_near = bool((away <= _NEAR).any())
-        verdict: Verdict = "false_block"
+        verdict = "false_block"
         if _is_cut_off(distances, start, end, closed) or (
-            is_near and _is_cut_off(distances, start, goal, closed)
+            (away <= _NEAR).any() and _is_cut_off(distances, start, goal, closed)
         ):
             verdict = "blockage"
         elif float(distances.distance(start, end)) > _FAR * distances.cell_size:
             verdict = "false_edge"
-        found.append(Cut(episode, decision, verdict))
-    return found
+        found.append((episode, decision, verdict))
+    return pd.DataFrame(found, columns=["episode", "decision", "verdict"])
 
 
 def _is_cut_off(
@@ -69,21 +55,22 @@ def _is_cut_off(
 
 
 def detection_delays(
-    trace: NavigationTrace, distances: GroundTruthDistances, cuts: list[Cut]
+    trace: NavigationTrace, distances: GroundTruthDistances, cuts: pd.DataFrame
 ) -> Ints:
     """Decisions from standing before a closed slot to the first cut of a blockage.
 
     Int ``[K]``, one for each leg with such a cut, from the first decision of the leg at
     which the agent is within 1.5 cells of the closed slot that is nearest when it cuts.
+    ``cuts`` are those of `judge_cuts`.
     """
     delays = []
-    blockages = [cut for cut in cuts if cut.verdict == "blockage"]
-    for leg in find_legs(trace):
-        decisions = [cut.decision for cut in blockages if cut.episode == leg.episode]
-        inside = [one for one in decisions if leg.start <= one < leg.end]
-        if not inside:
+    blockages = cuts[cuts.verdict == "blockage"]
+    for leg in find_legs(trace).itertuples():
+        decisions = blockages.decision[blockages.episode == leg.episode]
+        inside = decisions[decisions.between(leg.start, leg.end - 1)]
+        if inside.empty:
             continue
-        first = min(inside)
+        first = int(inside.min())
         closed = np.flatnonzero(trace.blocked[leg.episode, first])
         slots = distances.centres([distances.slot_cells[slot] for slot in closed])
         walk = trace.positions[leg.episode, leg.start : first + 1]
@@ -103,37 +90,35 @@ def classify_decisions(
     off. ``wrong_goal``: it plans to a waypoint more than two cells from the goal.
     ``false_edge``: its next target is more than three cells away from its place.
     ``homing``: it is at the goal's waypoint and looks for the goal. ``controller``:
-    none. ``waypoints`` are the true positions of the map's waypoints, ``[W, 2]``.
+    none. ``waypoints`` as in `judge_cuts`.
     """
-    fault = np.full(trace.place.shape, FAULTS.index("controller"))
-
-    def mark(name: str, where: Bools) -> None:
-        fault[where] = FAULTS.index(name)
 
     def apart(start: Floats, end: Floats) -> Floats:
         return distances.distance(start, end) / distances.cell_size
 
-    # Later marks win: from the last to the first of FAULTS.
-    known = (trace.place >= 0) & ~trace.lost
-    place, goal = trace.place.clip(0), trace.goal_node.clip(0)
-    mark("homing", known & (trace.target < 0))
-    far = apart(waypoints[place], waypoints[trace.target.clip(0)]) > _FAR
-    mark("false_edge", known & (trace.target >= 0) & far)
-    off_goal = apart(waypoints[goal], distances.centres(trace.goal_cells)) > _OFF
-    mark("wrong_goal", known & (trace.goal_node >= 0) & off_goal)
-    off_place = apart(waypoints[place], trace.positions) > _OFF
-    mark("wrong_place", known & off_place)
-    mark("lost", ~known)
-    return fault
+    at, target, goal = (
+        waypoints[number.clip(0)]
+        for number in (trace.place, trace.target, trace.goal_node)
+    )
+    goals = distances.centres(trace.goal_cells)
+    suffered = [
+        (trace.place < 0) | trace.lost,
+        apart(at, trace.positions) > _OFF,
+        (trace.goal_node >= 0) & (apart(goal, goals) > _OFF),
+        (trace.target >= 0) & (apart(at, target) > _FAR),
+        trace.target < 0,
+    ]
+    return np.select(suffered, range(len(suffered)), FAULTS.index("controller"))
 
 
 def slow_legs(
     trace: NavigationTrace, faults: Ints, *, limit: int = 250
-) -> Mapping[str, int]:
+) -> dict[str, int]:
     """Number of legs of more than ``limit`` decisions by their most frequent fault."""
-    most = Counter(
-        int(np.bincount(faults[leg.episode, leg.start : leg.end]).argmax())
-        for leg in find_legs(trace)
-        if leg.decisions > limit
-    )
-    return {name: most[number] for number, name in enumerate(FAULTS)}
+    legs = find_legs(trace)
+    most = [
+        np.bincount(faults[leg.episode, leg.start : leg.end]).argmax()
+        for leg in legs[legs.decisions > limit].itertuples()
+    ]
+    count = np.bincount(np.array(most, np.int64), minlength=len(FAULTS))
+    return dict(zip(FAULTS, count.tolist(), strict=True))

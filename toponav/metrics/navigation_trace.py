@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import torch
 from tensordict import NestedKey, TensorDictBase
 
@@ -23,9 +24,6 @@ from toponav.keys import (
 )
 from toponav.metrics.statistics import Bools, Floats, Ints
 
-#: What a trace reads at a decision, and what after it.
-TRACE_KEYS: list[NestedKey] = [POSITION, HEADING, CELL, GOAL_CELL, BLOCKED]
-TRACE_NEXT_KEYS: list[NestedKey] = [REWARD, RESPAWNED]
 #: What only a navigator decides.
 _DECIDED: dict[str, NestedKey] = {
     "place": PLACE,
@@ -35,7 +33,9 @@ _DECIDED: dict[str, NestedKey] = {
     "cut_to": CUT_TO,
     "lost": LOST,
 }
-TRACE_NAVIGATION_KEYS = list(_DECIDED.values())
+#: What a trace reads at a decision, and what after it.
+TRACE_KEYS = [POSITION, HEADING, CELL, GOAL_CELL, BLOCKED, *_DECIDED.values()]
+TRACE_NEXT_KEYS = [REWARD, RESPAWNED]
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def trace_navigation(episodes: TensorDictBase) -> NavigationTrace:
     """Read episodes ``[N, T]`` as a rollout or a collector yields them.
 
     The entries of `TRACE_KEYS` and, after each decision, `TRACE_NEXT_KEYS` must be
-    there; those of `TRACE_NAVIGATION_KEYS` may be missing.
+    there, except those that only a navigator decides.
     """
     if episodes.batch_dims != 2:
         raise ValueError(f"episodes must be [N, T], got {tuple(episodes.batch_size)}")
@@ -86,7 +86,6 @@ def trace_navigation(episodes: TensorDictBase) -> NavigationTrace:
     for name, key in _DECIDED.items():
         nothing = torch.full((*shape, 1), False if key == LOST else -1)
         decided[name] = np.asarray(episodes.get(key, nothing).cpu()).reshape(shape)
-
     return NavigationTrace(
         positions=np.asarray(episodes[POSITION].cpu(), np.float64),
         headings=np.asarray(episodes[HEADING].cpu(), np.float64).reshape(shape),
@@ -99,28 +98,16 @@ def trace_navigation(episodes: TensorDictBase) -> NavigationTrace:
     )
 
 
-@dataclass(frozen=True)
-class Leg:
-    """The decisions from a start to the goal, or to the end of the episode."""
+def find_legs(trace: NavigationTrace) -> pd.DataFrame:
+    """The legs of all episodes, a row each; the last of an episode is mostly cut off.
 
-    episode: int
-    start: int  # number of the first decision
-    end: int  # number of the decision after the last
-    reached: bool  # whether it ended at the goal
-
-    @property
-    def decisions(self) -> int:
-        return self.end - self.start
-
-
-def find_legs(trace: NavigationTrace) -> list[Leg]:
-    """The legs of all episodes, in their order; the last of each is mostly cut off."""
-    legs = []
-    for episode, reached in enumerate(trace.reached):
-        start = 0
-        for last in np.flatnonzero(reached):
-            legs.append(Leg(episode, start, int(last) + 1, reached=True))
-            start = int(last) + 1
-        if start < trace.decisions:
-            legs.append(Leg(episode, start, trace.decisions, reached=False))
-    return legs
+    Columns are ``episode``, the numbers ``start`` of the first decision and ``end`` of
+    the one after the last, ``decisions``, and whether the goal was ``reached``.
+    """
+    is_last = trace.reached.copy()
+    is_last[:, -1:] = True
+    episode, last = np.nonzero(is_last)
+    reached = trace.reached[episode, last]
+    legs = pd.DataFrame({"episode": episode, "end": last + 1, "reached": reached})
+    legs["start"] = legs.groupby("episode")["end"].shift(fill_value=0)
+    return legs.assign(decisions=legs["end"] - legs["start"])

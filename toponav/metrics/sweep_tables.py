@@ -9,7 +9,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from rliable.metrics import aggregate_iqm
 
-from toponav.metrics.statistics import Estimate, Floats, bootstrap, top_mean
+from toponav.metrics.statistics import Floats, bootstrap, top_mean
+
+#: What Markdown calls these columns.
+_HEADS = {"mean": "mean (95 %)", "iqm": "IQM (95 %)", "top_5": "top 5"}
 
 
 @dataclass(frozen=True)
@@ -28,40 +31,38 @@ class Scores:
     more: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Mean, interquartile mean and mean of the top five (NaN if fewer) of scores."""
+def summarize_scores(
+    groups: Sequence[Scores], *, subject: str, unit: str = "values", draws: int = 2000
+) -> pd.DataFrame:
+    """The table of a sweep, a row for each group.
 
-    scores: Scores
-    mean: Estimate
-    iqm: Estimate
-    top: float
-
-    @property
-    def num_runs(self) -> int:
-        return len(self.scores.values) if self.scores.values.ndim == 2 else 0
-
-    @property
-    def num_values(self) -> int:
-        return self.scores.values.size
-
-
-def summarize_scores(scores: Scores, *, draws: int = 2000, seed: int = 0) -> Summary:
-    """Mean, interquartile mean and top five, the first two with 95 % intervals.
-
-    The intervals come from ``draws`` bootstrap samples.
+    ``mean`` and ``iqm``, the interquartile mean, are `Estimate` with 95 % intervals of
+    ``draws`` bootstrap samples; ``top_5`` is the mean of the five largest values, NaN
+    if there are fewer. ``subject`` and ``unit`` name the columns of the subjects and of
+    the counts.
 
     Examples:
         >>> values = np.array([[80.0, 90.0], [70.0, 80.0]])
-        >>> found = summarize_scores(Scores({}, "best", "coverage (%)", values))
-        >>> round(found.mean.value, 3), found.num_runs, found.num_values
-        (80.0, 2, 4)
+        >>> scores = Scores({"seed": "0"}, "best", "coverage (%)", values)
+        >>> table = summarize_scores([scores], subject="policy")
+        >>> table.drop(columns=["mean", "iqm"]).loc[0].tolist()
+        ['0', 'best', 'coverage (%)', nan, 2, 4]
     """
-    return Summary(
-        scores,
-        mean=bootstrap(scores.values, draws=draws, seed=seed),
-        iqm=bootstrap(scores.values, aggregate_iqm, draws=draws, seed=seed),
-        top=top_mean(scores.values),
+    settings = dict.fromkeys(name for one in groups for name in one.settings)
+    more = dict.fromkeys(name for one in groups for name in one.more)
+    return pd.DataFrame(
+        {
+            **{name: one.settings.get(name, "") for name in settings},
+            subject: one.subject,
+            "measure": one.measure,
+            "mean": bootstrap(one.values, draws=draws),
+            "iqm": bootstrap(one.values, aggregate_iqm, draws=draws),
+            "top_5": top_mean(one.values),
+            **{name: one.more.get(name, math.nan) for name in more},
+            "runs": len(one.values) if one.values.ndim == 2 else None,
+            unit: one.values.size,
+        }
+        for one in groups
     )
 
 
@@ -84,34 +85,20 @@ def decisions_to_reach(decisions: ArrayLike) -> tuple[float, float]:
     return median if math.isfinite(median) else math.nan, float(reached.mean())
 
 
-def markdown_table(
-    summaries: Sequence[Summary], *, subject: str, unit: str = "values"
-) -> str:
-    """The summaries as a Markdown table, a row each, its columns aligned.
+def markdown_table(table: pd.DataFrame) -> str:
+    """The table of `summarize_scores` in Markdown, its columns aligned."""
+    texts = {
+        _HEADS.get(name, name): [_text(name, value) for value in table[name]]
+        for name in table
+    }
+    return aligned_table(pd.DataFrame(texts)) if len(table) else ""
 
-    ``subject`` and ``unit`` head the columns of the subjects and of the counts.
-    """
-    if not summaries:
-        return ""
-    named, others = _names(summaries)
-    frame = pd.DataFrame(
-        {
-            **{name: one.scores.settings.get(name, "") for name in named},
-            subject: one.scores.subject,
-            "measure": one.scores.measure,
-            "mean (95 %)": str(one.mean),
-            "IQM (95 %)": str(one.iqm),
-            "top 5": _number(one.top, 1),
-            **{
-                name: _number(one.scores.more.get(name, math.nan), _places(name))
-                for name in others
-            },
-            "runs": str(one.num_runs or "-"),
-            unit: str(one.num_values),
-        }
-        for one in summaries
-    )
-    return aligned_table(frame)
+
+def _text(name: str, value: object) -> str:
+    if isinstance(value, float):
+        places = 1 if name.endswith("(%)") or name == "top_5" else 0
+        return "-" if math.isnan(value) else f"{value:,.{places}f}"
+    return "-" if value is None else str(value)
 
 
 def aligned_table(frame: pd.DataFrame) -> str:
@@ -120,51 +107,21 @@ def aligned_table(frame: pd.DataFrame) -> str:
         pd.Series([name, *frame[name]]).str.replace("|", "\\|", regex=False)
         for name in frame
     ]
-    widths = [int(column.str.len().max()) for column in columns]
-    padded = [
-        column.str.ljust(width) for column, width in zip(columns, widths, strict=True)
-    ]
+    padded = [column.str.ljust(column.str.len().max()) for column in columns]
     head, *rows = ["| " + " | ".join(row) + " |" for row in zip(*padded, strict=True)]
-    rule = "|" + "|".join("-" * (width + 2) for width in widths) + "|"
+    rule = "|" + "|".join("-" * (len(column[0]) + 2) for column in padded) + "|"
     return "\n".join([head, rule, *rows]) + "\n"
 
 
-def csv_table(
-    summaries: Sequence[Summary], *, subject: str, unit: str = "values"
-) -> str:
-    """The summaries as CSV: the same rows, the ends of the intervals by themselves."""
-    named, others = _names(summaries)
-    frame = pd.DataFrame(
-        {
-            **{name: one.scores.settings.get(name, "") for name in named},
-            subject: one.scores.subject,
-            "measure": one.scores.measure,
-            **_ends("mean", one.mean),
-            **_ends("iqm", one.iqm),
-            "top_5": one.top,
-            **{name: one.scores.more.get(name, math.nan) for name in others},
-            "runs": str(one.num_runs or ""),
-            unit: one.num_values,
-        }
-        for one in summaries
-    )
+def csv_table(table: pd.DataFrame) -> str:
+    """The same as CSV, the ends of the intervals by themselves."""
+    columns = {}
+    for name in table:
+        columns[name] = table[name]
+        if name in ("mean", "iqm"):
+            columns[name] = [one.value for one in table[name]]
+            columns[f"{name}_low"] = [one.low for one in table[name]]
+            columns[f"{name}_high"] = [one.high for one in table[name]]
+    frame = pd.DataFrame(columns)
     text: str = frame.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     return text
-
-
-def _names(summaries: Sequence[Summary]) -> tuple[list[str], list[str]]:
-    settings = dict.fromkeys(name for one in summaries for name in one.scores.settings)
-    more = dict.fromkeys(name for one in summaries for name in one.scores.more)
-    return list(settings), list(more)
-
-
-def _places(name: str) -> int:
-    return 1 if name.endswith("(%)") else 0
-
-
-def _number(value: float, places: int) -> str:
-    return "-" if math.isnan(value) else f"{value:,.{places}f}"
-
-
-def _ends(name: str, one: Estimate) -> dict[str, float]:
-    return {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}

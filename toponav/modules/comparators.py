@@ -6,6 +6,7 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
+from torchrl.modules import MLP
 
 
 class Comparator(Protocol):
@@ -21,16 +22,12 @@ class Comparator(Protocol):
         """The rest: ``[*B, D]`` and ``[*B, M, P]`` to logits ``[*B, M]``."""
 
 
-def _layers(widths: Sequence[int]) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for width, next_width in zip(widths, [*widths[1:], 1], strict=True):
-        layers += [nn.ReLU(), nn.Linear(width, next_width)]
-    return nn.Sequential(*layers)
-
-
-def _check_hidden(hidden: Sequence[int]) -> None:
+def _layers(inputs: int, hidden: Sequence[int]) -> tuple[nn.Linear, nn.Sequential]:
+    """A perceptron with one output: its first layer, and the others."""
     if not hidden or min(hidden) < 1:
         raise ValueError(f"hidden must name at least one width >= 1, got {hidden}.")
+    first, *rest = MLP(inputs, 1, num_cells=hidden, activation_class=nn.ReLU)
+    return first, nn.Sequential(*rest)
 
 
 class ConcatComparator(nn.Module):
@@ -51,11 +48,9 @@ class ConcatComparator(nn.Module):
         self, embedding_dim: int, *, hidden: Sequence[int] = (512, 512, 512, 512)
     ) -> None:
         super().__init__()
-        _check_hidden(hidden)
         # One weight over the concatenation has the paper's initial scale; its two
         # halves are views.
-        self.first = nn.Linear(2 * embedding_dim, hidden[0])
-        self.rest = _layers(hidden)
+        self.first, self.rest = _layers(2 * embedding_dim, hidden)
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
         logit: Tensor = self.rest(self.first(torch.cat([anchor, other], dim=-1)))
@@ -95,10 +90,8 @@ class DifferenceComparator(nn.Module):
         hidden: Sequence[int] = (256,),
     ) -> None:
         super().__init__()
-        _check_hidden(hidden)
         self.project = nn.Linear(embedding_dim, projection_dim)
-        self.first = nn.Linear(2 * projection_dim, hidden[0])
-        self.rest = _layers(hidden)
+        self.first, self.rest = _layers(2 * projection_dim, hidden)
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
         return self._score(self.project(anchor), self.project(other))

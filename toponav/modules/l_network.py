@@ -1,10 +1,10 @@
 """`LNetwork` and `LocomotionHead`: the action that leads from one view to another."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+from torchrl.modules import MLP
 
 
 class LocomotionHead(nn.Module):
@@ -28,16 +28,14 @@ class LocomotionHead(nn.Module):
             raise ValueError(f"hidden must hold widths >= 1, got {hidden}.")
         if num_actions < 2:
             raise ValueError(f"num_actions must be at least 2, got {num_actions}.")
-        widths = [2 * embedding_dim, *hidden]
-        layers: list[nn.Module] = []
-        for width, next_width in pairwise(widths):
-            layers += [nn.Linear(width, next_width), nn.ReLU()]
         self.num_actions = num_actions
-        self.layers = nn.Sequential(*layers, nn.Linear(widths[-1], num_actions))
+        self.layers = MLP(
+            2 * embedding_dim, num_actions, num_cells=hidden, activation_class=nn.ReLU
+        )
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
         """Logits of the action from here to there: twice ``[*B, D]`` to ``[*B, A]``."""
-        logits: Tensor = self.layers(torch.cat([anchor, other], dim=-1))
+        logits: Tensor = self.layers(anchor, other)
         return logits
 
 

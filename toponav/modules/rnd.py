@@ -1,10 +1,9 @@
 """`RandomNetworkDistillation`: the networks of TorchRL's RND, for views."""
 
-import math
-
 import torch
 from torch import Tensor, nn
 from torchrl.envs.transforms.rnd import RunningMeanStd
+from torchrl.modules import MLP, ConvNet
 
 from toponav.modules.pixels import check_pixels
 from toponav.modules.policy_trunks import start_orthogonal
@@ -54,28 +53,22 @@ class FrameNetwork(nn.Module):
             raise ValueError(
                 f"image_size must be at least 36 both ways, got {image_size}."
             )
-        layers: list[nn.Module] = []
-        channels, (rows, columns) = 1, image_size
-        for out_channels, kernel, stride in (
-            (width, 8, 4),
-            (2 * width, 4, 2),
-            (2 * width, 3, 1),
-        ):
-            layers.append(nn.Conv2d(channels, out_channels, kernel, stride))
+        convolutions = ConvNet(
+            in_features=1,
+            num_cells=[width, 2 * width, 2 * width],
+            kernel_sizes=[8, 4, 3],
+            strides=[4, 2, 1],
             # The slope that Burda et al.'s code has by TensorFlow's default.
-            layers.append(nn.LeakyReLU(0.2, inplace=True))
-            channels = out_channels
-            rows, columns = ((side - kernel) // stride + 1 for side in (rows, columns))
-        layers.append(nn.Flatten())
-        inputs = channels * rows * columns
-        for _ in range(num_hidden):
-            layers += [nn.Linear(inputs, feature_dim), nn.ReLU(inplace=True)]
-            inputs = feature_dim
-        layers.append(nn.Linear(inputs, feature_dim))
-        for layer in layers:
+            activation_class=nn.LeakyReLU,
+            activation_kwargs={"negative_slope": 0.2, "inplace": True},
+        )
+        inputs = convolutions(torch.zeros(1, 1, *image_size)).shape[-1]
+        hidden = [feature_dim] * num_hidden
+        head = MLP(inputs, feature_dim, num_cells=hidden, activation_class=nn.ReLU)
+        self.layers = nn.Sequential(*convolutions, *head)
+        for layer in self.layers:
             if isinstance(layer, nn.Conv2d | nn.Linear):
-                start_orthogonal(layer, gain=math.sqrt(2))
-        self.layers = nn.Sequential(*layers)
+                start_orthogonal(layer)
 
     def forward(self, frames: Tensor) -> Tensor:
         features: Tensor = self.layers(frames)

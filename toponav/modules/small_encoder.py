@@ -1,11 +1,9 @@
 """`SmallEncoder`: an encoder for two cores, 66 times cheaper than ResNet-18."""
 
-from collections.abc import Iterator
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
-from torch.nn.utils.fusion import fuse_conv_bn_weights
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from toponav.modules.pixels import (
     check_pixels,
@@ -21,10 +19,7 @@ def box_downsample(pixels: Tensor, dtype: torch.dtype) -> Tensor:
     num, height, width, channels = pixels.shape
     is_bytes = pixels.dtype == torch.uint8
     rows = pixels.reshape(num, height // 2, 2, width * channels)
-    if is_bytes:
-        tall = rows[:, :, 0].to(torch.int16) + rows[:, :, 1]
-    else:
-        tall = rows[:, :, 0] + rows[:, :, 1]
+    tall = rows[:, :, 0].to(torch.int16 if is_bytes else pixels.dtype) + rows[:, :, 1]
     columns = tall.reshape(num, height // 2, width // 2, 2, channels)
     total = columns[:, :, :, 0] + columns[:, :, :, 1]
     scale = 1 / (4 * 255) if is_bytes else 1 / 4
@@ -81,7 +76,7 @@ class SmallEncoder(nn.Module):
         self.convolutions = nn.Sequential(*layers)
         self.project = nn.Linear(channels * height * width, embedding_dim)
         # The last result of `_folded`, and the versions of the tensors behind it.
-        self._folds: list[tuple[Tensor, Tensor | None]] = []
+        self._folds: list[nn.Conv2d] = []
         self._folded_from: list[tuple[int, int]] = []
 
     def forward(self, pixels: Tensor) -> Tensor:
@@ -93,43 +88,25 @@ class SmallEncoder(nn.Module):
         else:
             planes = pixels_to_planes(flat, dtype)
         if self.training or torch.is_grad_enabled():
-            hidden = self.convolutions(planes)
+            planes = self.convolutions(planes)
         else:
-            hidden = self._convolve_folded(planes)
+            for convolution in self._folded():
+                planes = F.relu_(convolution(planes))
         # Flattened in memory order (height, width, channels): no copy.
-        embedding: Tensor = self.project(hidden.permute(0, 2, 3, 1).flatten(1))
+        embedding: Tensor = self.project(planes.permute(0, 2, 3, 1).flatten(1))
         return embedding.reshape(*pixels.shape[:-3], self.embedding_dim)
 
-    def _convolve_folded(self, planes: Tensor) -> Tensor:
-        convolutions = [one for one in self.convolutions if isinstance(one, nn.Conv2d)]
-        folds = self._folded()
-        for layer, (weight, bias) in zip(convolutions, folds, strict=True):
-            planes = F.conv2d(planes, weight, bias, layer.stride, layer.padding).relu_()
-        return planes
-
-    def _folded(self) -> list[tuple[Tensor, Tensor | None]]:
+    def _folded(self) -> list[nn.Conv2d]:
+        """The convolutions with the normalisation after them folded into each."""
         tensors = [*self.convolutions.parameters(), *self.convolutions.buffers()]
         # Changing a tensor in place raises its version, exchanging it moves its memory;
         # another process can change shared tensors unseen.
         now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
-        is_shared = any(tensor.is_shared() for tensor in tensors)
-        if is_shared or now != self._folded_from:
-            self._folds = list(_fold_all(self.convolutions))
+        if any(tensor.is_shared() for tensor in tensors) or now != self._folded_from:
+            layers = list(self.convolutions)
+            plain = [one for one in layers if isinstance(one, nn.Conv2d)]
+            norms = [one for one in layers if isinstance(one, nn.BatchNorm2d)]
+            folds = [fuse_conv_bn_eval(*two) for two in zip(plain, norms, strict=False)]
+            self._folds = folds or plain
             self._folded_from = now
         return self._folds
-
-
-def _fold_all(layers: nn.Sequential) -> Iterator[tuple[Tensor, Tensor | None]]:
-    for at, layer in enumerate(layers):
-        if not isinstance(layer, nn.Conv2d):
-            continue
-        norm = layers[at + 1]
-        if not isinstance(norm, nn.BatchNorm2d):
-            yield layer.weight, layer.bias
-            continue
-        assert norm.running_mean is not None
-        assert norm.running_var is not None
-        moments = norm.running_mean, norm.running_var, norm.eps
-        yield fuse_conv_bn_weights(
-            layer.weight, layer.bias, *moments, norm.weight, norm.bias
-        )

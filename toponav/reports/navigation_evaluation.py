@@ -24,16 +24,13 @@ from toponav.graph import Map
 from toponav.keys import GOAL_VIEWS
 from toponav.metrics import (
     TRACE_KEYS,
-    TRACE_NAVIGATION_KEYS,
     TRACE_NEXT_KEYS,
-    LegMeasures,
     NavigationTrace,
     aligned_table,
     bootstrap,
     classify_decisions,
     detection_delays,
     first_goal,
-    goals_reached,
     judge_cuts,
     mean_detour,
     measure_legs,
@@ -57,7 +54,7 @@ class NavigationEpisodes:
     Args:
         policy: its name.
         trace: what happened.
-        measures: of its legs.
+        legs: the table of `measure_legs`.
         views: uint8 ``[V, H, W, 3]``; what the first episode showed at its beginning.
         goal: uint8 ``[H, W, 3]``; the first picture of its goal.
         map: on which the policy plans, if it plans on one.
@@ -65,7 +62,7 @@ class NavigationEpisodes:
 
     policy: str
     trace: NavigationTrace
-    measures: LegMeasures
+    legs: pd.DataFrame
     views: Tensor
     goal: Tensor
     map: Map | None = None
@@ -98,7 +95,7 @@ def play_policies(
                     env,
                     policy,
                     length,
-                    keep=[*TRACE_KEYS, *TRACE_NAVIGATION_KEYS],
+                    keep=TRACE_KEYS,
                     keep_next=TRACE_NEXT_KEYS,
                     views=config.video.decisions,
                     progress=bar.update,
@@ -130,10 +127,10 @@ def episode_table(episodes: NavigationEpisodes) -> pd.DataFrame:
         {
             "policy": episodes.policy,
             "episode": np.arange(len(trace)),
-            "goals": goals_reached(trace),
+            "goals": trace.reached.sum(1),
             "reward": trace.reward.sum(1),
             "first_goal": first_goal(trace),
-            "spl": success_weighted_by_length(episodes.measures),
+            "spl": success_weighted_by_length(episodes.legs),
             "replans": (trace.cut_from >= 0).sum(1),
             "lost": trace.lost.mean(1),
         }
@@ -166,7 +163,7 @@ def summary_row(
     for name, values in measured.items():
         found = bootstrap(values)
         row |= {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}
-    row["detour"] = mean_detour(episodes.measures, shortest=truth.distances.cell_size)
+    row["detour"] = mean_detour(episodes.legs, shortest=truth.distances.cell_size)
     row |= _fault_numbers(trace, truth, slow=slow)
     row["places_without_picture"] = places.num_without
     return row
@@ -178,7 +175,7 @@ def _fault_numbers(trace: NavigationTrace, truth: GroundTruth, *, slow: int) -> 
     cuts = judge_cuts(trace, distances, waypoints)
     delays = detection_delays(trace, distances, cuts)
     numbers: Row = {
-        f"cuts_{verdict}": sum(cut.verdict == verdict for cut in cuts)
+        f"cuts_{verdict}": int((cuts.verdict == verdict).sum())
         for verdict in ("blockage", "false_edge", "false_block")
     }
     numbers["detection_delay"] = float(np.median(delays)) if len(delays) else math.nan

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,7 +11,7 @@ from torch import Tensor
 from toponav.builders import AgentKnowledge, GroundTruth
 from toponav.config import NavigateVideoConfig
 from toponav.graph import Planner
-from toponav.metrics import Leg, find_legs, first_goal
+from toponav.metrics import find_legs, first_goal
 from toponav.plotting import (
     FloorPlan,
     draw_leg,
@@ -45,11 +46,11 @@ def write_path(
     trace = episodes.trace
     is_cut = trace.cut_from >= 0
 
-    def interest(leg: Leg) -> tuple[bool, int, int]:
+    def interest(leg: Any) -> tuple[bool, int, int]:
         cuts = int(is_cut[leg.episode, leg.start : leg.end].sum())
         return leg.reached, cuts, -leg.decisions
 
-    leg = max(find_legs(trace), key=interest)
+    leg = max(find_legs(trace).itertuples(), key=interest)
     span = (leg.episode, slice(leg.start, leg.end))
     cuts = np.stack([trace.cut_from[span], trace.cut_to[span]], 1)[is_cut[span]]
     figure = draw_leg(
@@ -82,7 +83,7 @@ def _make_floor_plan(
     )
 
 
-def _first_plan(episodes: NavigationEpisodes, leg: Leg) -> list[int]:
+def _first_plan(episodes: NavigationEpisodes, leg: Any) -> list[int]:
     """The waypoints of the first plan of a leg, with no edge closed."""
     span = (leg.episode, slice(leg.start, leg.end))
     places, goals = episodes.trace.place[span], episodes.trace.goal_node[span]
