@@ -70,7 +70,7 @@ def test_lengths_of_legs():
     # Three and seven steps of a cell, and one more to the goal; the straight way is
     # four cells.
     assert measures.walked.tolist() == [4 * 128, 8 * 128]
-    assert measures.optimum == pytest.approx([4 * 128, 4 * 128])
+    assert measures.optimum.tolist() == pytest.approx([4 * 128, 4 * 128])
     # The first leg alone: optimum / max(walked, optimum) = 4 / 4.
     assert success_weighted_by_length(measures).tolist() == [1.0]
     # (4 / 4 + 8 / 4) / 2.
@@ -83,7 +83,7 @@ def test_the_optimum_goes_around_closed_slots():
     # Half a cell, one cell, a corner cut, three cells, and the same upwards:
     # 64 + 128 + 64 sqrt(2) + 384 + 64 sqrt(2) + 128 + 64 = 949.0.
     around = 768 + 128 * np.sqrt(2)
-    assert measures.optimum == pytest.approx([around])
+    assert measures.optimum.tolist() == pytest.approx([around])
     # Corners were not cut: eight cells, 1024.
     assert success_weighted_by_length(measures) == pytest.approx([around / 1024])
     there_and_back = [*AROUND[:-1], *AROUND[:-1][::-1], *AROUND]

@@ -126,12 +126,14 @@ def _missing_edges(
     pairs = (turned & (gap[..., :2].norm(dim=-1) <= limit)).nonzero()
     pairs = pairs[drawn[pairs[:, 0]] != pairs[:, 1]]
     ends = torch.stack([drawn[pairs[:, 0]], pairs[:, 1]], 1)
-    row, other = pairs[edge_lengths(distances, poses, ends) <= limit].T.numpy()
+    row, other = pairs[edge_lengths(distances, poses, ends) <= limit].numpy().T
     if not len(row):
         return float("nan")
-    links = (np.ones(len(edges)), tuple(edges.T.numpy()))
+    links = (np.ones(len(edges)), tuple(edges.numpy().T))
     graph = csr_array(links, shape=(len(poses), len(poses)))
-    away = dijkstra(graph, directed=False, indices=drawn, unweighted=True, limit=hops)
+    away = dijkstra(
+        graph, directed=False, indices=drawn.numpy(), unweighted=True, limit=hops
+    )
     return float(np.isinf(away[row, other]).mean())
 
 
