@@ -11,8 +11,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
+from itertools import chain
 from pathlib import Path
-from types import FrameType
 from typing import Any, TypeVar, get_type_hints
 
 import hydra
@@ -62,7 +62,7 @@ def recipe(
         def main() -> None:
             register()
             OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
-            signal.signal(signal.SIGTERM, _exit)
+            signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
             # TorchRL logs every buffer that it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             # Hydra then raises instead of printing, and the sentence is ours.
@@ -87,22 +87,15 @@ def recipe(
 
 
 def folder_name(overrides: str) -> str:
-    """One folder's name for the overrides of a run of a sweep.
+    """One folder's name for the overrides of a run of a sweep, joined by commas.
 
-    YAML writes it ``${folder_name:${hydra.job.override_dirname}}``.
-
-    Args:
-        overrides: settings and values, joined by commas. Values may be paths.
-
-    Returns:
-        The same without what would make folders of their own or need quotes in a
-        shell; a name that would be too long ends in a digest of the whole.
+    It has nothing that would make folders of their own or need quotes in a shell; one
+    that would be too long ends in a digest of the whole. YAML writes it
+    ``${folder_name:${hydra.job.override_dirname}}``.
 
     Examples:
-        >>> folder_name("maze=maze1,init_from=/runs/select")
-        'maze=maze1,init_from=-runs-select'
-        >>> folder_name("maze=maze1,maze.blocked=[a,b]")
-        'maze=maze1,maze.blocked=a,b'
+        >>> folder_name("maze.blocked=[a,b],init_from=/runs/select")
+        'maze.blocked=a,b,init_from=-runs-select'
     """
     bare = re.sub(r"[][{}$'\"\\]", "", overrides)
     name = re.sub(r"[^\w.,=+-]+", "-", bare)
@@ -115,18 +108,10 @@ def folder_name(overrides: str) -> str:
 def resumed_arguments(arguments: list[str]) -> list[str]:
     """The command line of the run to go on with, and its folder to write into.
 
-    Args:
-        arguments: a command line; without ``resume=`` it comes back as it is.
+    A command line without ``resume=`` comes back as it is.
 
     Raises:
         SettingsError: if ``resume`` names no run folder.
-
-    Examples:
-        >>> resumed_arguments(["maze=maze1"])
-        ['maze=maze1']
-        >>> resumed_arguments(["resume=runs"])
-        Traceback (most recent call last):
-        toponav.config.checks.SettingsError: resume must name the folder of a run, ...
     """
     given = [word for word in arguments if word.startswith("resume=")]
     folder = given[-1].partition("=")[2].strip("'\"") if given else ""
@@ -136,30 +121,20 @@ def resumed_arguments(arguments: list[str]) -> list[str]:
     if not overrides.is_file():
         raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
     first = [str(word) for word in OmegaConf.to_object(OmegaConf.load(overrides))]  # type: ignore[union-attr]
-    kept = [word for word in first if not word.startswith("resume=")]
-    # In quotes: a sweep's folder has equals signs and commas in its name.
+    kept = [word for word in first + arguments if not word.startswith("resume=")]
     quoted = _quoted(folder)
-    others = [word for word in arguments if not word.startswith("resume=")]
-    return [*kept, *others, f"resume={quoted}", f"hydra.run.dir={quoted}"]
+    return [*kept, f"resume={quoted}", f"hydra.run.dir={quoted}"]
 
 
 def named_folder(arguments: list[str], name: str) -> list[str]:
     """The command line with the name of a setting before the folder that stands alone.
 
-    Args:
-        arguments: a command line. What is an existing folder, or has neither a ``=``
-            nor a leading dash, is taken for the folder.
-        name: of the setting.
-
-    Returns:
-        The command line with the folder in quotes: a sweep's folders have equals signs
-        and commas in their names.
+    What is an existing folder, or has neither a ``=`` nor a leading dash, is taken for
+    the folder.
 
     Examples:
         >>> named_folder(["multirun/explore"], "folder")
         ["folder='multirun/explore'"]
-        >>> named_folder(["folder=runs/a=1,b=2"], "folder")
-        ["folder='runs/a=1,b=2'"]
     """
     found = []
     for word in arguments:
@@ -170,6 +145,7 @@ def named_folder(arguments: list[str], name: str) -> list[str]:
 
 
 def _quoted(folder: str) -> str:
+    """In quotes for Hydra: a sweep's folder has equals signs and commas in its name."""
     bare = folder.strip("'\"")
     return "'" + bare.replace("'", "\\'") + "'"
 
@@ -185,10 +161,6 @@ def _one_sentence(name: str) -> Iterator[None]:
     except (EngineError, TrainingError) as error:
         print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(_FAILED)
-
-
-def _exit(number: int, _frame: FrameType | None) -> None:
-    sys.exit(128 + number)
 
 
 def _sentence(error: Exception, name: str) -> str:
@@ -213,35 +185,23 @@ def _sentence(error: Exception, name: str) -> str:
     if found := re.search(r"full_key: (\S+)", text):
         key = found.group(1)
         known = list(_keys(RECIPES[name]))
-        owners = _owners(key)
+        of_method = {
+            f"{group}={method}": list(_keys(schema, f"{group}."))
+            for group, schemas in METHODS.items()
+            for method, schema in schemas.items()
+            if group in known
+        }
+        owners = [method for method, keys in of_method.items() if key in keys]
         if owners and " not in " in text:
             group = key.split(".")[0]
             return f"'{key}' must go with {' or '.join(owners)}, got another {group}"
         if key not in known and not key.startswith("hydra."):
-            known += [
-                one
-                for group, schemas in METHODS.items()
-                if group in known
-                for schema in schemas.values()
-                for one in _keys(schema, f"{group}.")
-            ]
-            return f"'{key}' must be a setting of {name}, got none of that name" + (
-                _hint(key, known)
-            )
+            hint = _hint(key, [*known, *chain.from_iterable(of_method.values())])
+            return f"'{key}' must be a setting of {name}, got none of that name{hint}"
         if "is not a ListConfig" in text:
             return f"{key} must be a list such as [a,b], got something else"
         return f"{key}: {text.splitlines()[0].strip()}"
     return next(line.strip() for line in text.splitlines() if line.strip())
-
-
-def _owners(key: str) -> list[str]:
-    """The methods that have a setting, such as ``reward=novelty``."""
-    group = key.split(".")[0]
-    return [
-        f"{group}={name}"
-        for name, schema in METHODS.get(group, {}).items()
-        if key in _keys(schema, f"{group}.")
-    ]
 
 
 def _messages(error: BaseException | None) -> Iterator[str]:
