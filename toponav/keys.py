@@ -11,12 +11,10 @@ does. A world without ground truth does not have them.
 from tensordict import NestedKey
 
 # --- the environment -------------------------------------------------------
-#: uint8 [H, W, 3]; the first-person view, RGB. Env -> AreaDownsample, PolicyPixels,
-#: Navigator, figures.
+#: uint8 [H, W, 3]; the view, RGB. Env -> AreaDownsample, PolicyPixels, Navigator.
 PIXELS: NestedKey = "pixels"
-#: uint8 [H / f, W / f, 3]; the view as TC-network and L-network read it, f = 2 for an
-#: encoder that halves views, else 1. AreaDownsample -> WaypointMemory, frame buffers,
-#: map.
+#: uint8 [H / f, W / f, 3]; the view as the networks read it, f = 2 for an encoder that
+#: halves views, else 1. AreaDownsample -> WaypointMemory, frame buffers, map.
 NETWORK_PIXELS: NestedKey = "network_pixels"
 #: int64 []; number of the action, in [0, A). Policy -> env, L-network.
 ACTION: NestedKey = "action"
@@ -30,8 +28,8 @@ TERMINATED: NestedKey = "terminated"
 TRUNCATED: NestedKey = "truncated"
 #: float32 [H', W']; planar depth in map units. Env -> Nav A3C.
 DEPTH: NestedKey = "depth"
-#: float32 [6]; forward, left, up in map units per decision, then yaw, pitch, roll in
-#: degrees per decision, in the agent's frame. Env -> Nav A3C.
+#: float32 [6]; per decision: forward, left, up in map units, yaw, pitch, roll in
+#: degrees. Env -> Nav A3C.
 VELOCITY: NestedKey = "velocity"
 
 # --- ground truth, for evaluation only -------------------------------------
@@ -49,22 +47,19 @@ GOAL_CELL: NestedKey = (PRIVILEGED, "goal_cell")
 BLOCKED: NestedKey = (PRIVILEGED, "blocked")
 #: bool [1]; the agent reached the goal in this decision and was moved elsewhere.
 RESPAWNED: NestedKey = (PRIVILEGED, "respawned")
-#: float32 [1]; share of the open cells visited in this episode. Coverage ->
-#: evaluation, as the next two.
+#: float32 [1]; share of the open cells visited in this episode. Coverage -> evaluation.
 COVERAGE: NestedKey = (PRIVILEGED, "coverage")
-#: float32 [1]; number of cells entered for the first time in this decision.
+#: float32 [1]; cells entered for the first time in this decision. Coverage -> learners.
 COVERAGE_REWARD: NestedKey = (PRIVILEGED, "coverage_reward")
-#: int64 [L]; decisions it took to reach each of L coverage levels, -1 if not yet.
+#: int64 [L]; decisions to each of L levels, -1 if not yet. Coverage -> evaluation.
 DECISIONS_TO_COVERAGE: NestedKey = (PRIVILEGED, "decisions_to_coverage")
-#: bool [1]; a new waypoint close to an older one with a similar heading.
-#: WaypointTruth -> diagnostics.
+#: bool [1]; a new one beside one that looks the same way. WaypointTruth -> figures.
 SPURIOUS_WAYPOINT: NestedKey = (PRIVILEGED, "spurious_waypoint")
 
 # --- TC-network and L-network ----------------------------------------------
 #: float32 [D]; embedding of one view. Encoders -> comparators, policy, map.
 EMBEDDING: NestedKey = "embedding"
-#: The earlier and the later view of a training pair, as NETWORK_PIXELS. SplitPairs ->
-#: losses.
+#: As NETWORK_PIXELS; earlier and later view of a training pair. SplitPairs -> losses.
 ANCHOR: NestedKey = "anchor"
 OTHER: NestedKey = "other"
 #: float32 []; 1 for at most k decisions apart, 0 for at least M * k. Pairs -> TCLoss.
@@ -79,48 +74,43 @@ STEP: NestedKey = "step"
 TRAJECTORY: NestedKey = ("collector", "traj_ids")
 #: float32 []; logit of "at most k decisions apart". TC-network -> TCLoss.
 LOGIT: NestedKey = "logit"
-#: float32 [A]; logits of the actions. L-network -> LLoss, Navigator; ActorCritic ->
-#: losses.
+#: float32 [A]; of the actions. L-network -> LLoss, Navigator; ActorCritic -> losses.
 LOGITS: NestedKey = "logits"
 
 # --- exploration: intrinsic rewards -----------------------------------------
-#: int64 [1]; index of the waypoint to which the view is mapped, of itself if it is a
-#: new waypoint, -1 for none. WaypointMemory -> figures.
+#: int64 [1]; the view's waypoint, itself if it is new, -1 for none. WaypointMemory ->
+#: figures.
 WAYPOINT: NestedKey = "waypoint"
-#: float32 [1]; similarity in [0, 1] of the view to the nearest waypoint that was there
-#: before. WaypointMemory -> TemporalDistanceReward.
+#: float32 [1]; in [0, 1], to the nearest waypoint that was there before.
+#: WaypointMemory -> TemporalDistanceReward.
 SIMILARITY: NestedKey = "similarity"
-#: bool [1]; the view is similar to no waypoint, whether or not it becomes one.
-#: WaypointMemory -> figures.
+#: bool [1]; the view is similar to no waypoint; it may become one. WaypointMemory ->
+#: figures.
 NOVEL: NestedKey = "novel"
 #: bool [1]; the view became a waypoint in this decision. WaypointMemory -> rewards.
 IS_NEW_WAYPOINT: NestedKey = "is_new_waypoint"
-#: int64 [1]; visits of the view's waypoint including this one, 0 if the decision does
-#: not count as a visit. WaypointMemory -> CountReward.
+#: int64 [1]; of the view's waypoint, with this one, 0 if the decision is no visit.
+#: WaypointMemory -> CountReward.
 VISITS: NestedKey = "visits"
 #: int64 [1]; number of waypoints of this episode. WaypointMemory -> figures.
 NUM_WAYPOINTS: NestedKey = "num_waypoints"
-#: float32 [1]; alpha / sqrt(visits), 0 for a new waypoint, eq. 6. CountReward ->
-#: IntrinsicReward.
+#: float32 [1]; alpha / sqrt(visits), 0 for a new one, eq. 6. CountReward -> the sum.
 COUNT_REWARD: NestedKey = "count_reward"
-#: float32 [1]; beta / similarity for a new waypoint, else 0, eq. 7.
-#: TemporalDistanceReward -> IntrinsicReward.
+#: float32 [1]; beta / similarity of a new one, else 0, eq. 7. Its transform -> the sum.
 TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
 #: float32 [1]; what the reward method pays. IntrinsicReward (the sum of both, eq. 8),
 #: RandomReward, RNDTransform -> learners.
 INTRINSIC_REWARD: NestedKey = "intrinsic_reward"
-#: float32 [1]; the reward divided by the standard deviation of its discounted return.
-#: ReturnScale -> losses.
+#: float32 [1]; the reward over the deviation of its return. ReturnScale -> losses.
 SCALED_REWARD: NestedKey = "scaled_reward"
 
 # --- exploration: the policy ------------------------------------------------
 #: uint8 [H', W', 3]; the view at the policy's size. PolicyPixels -> ActorCritic.
 POLICY_PIXELS: NestedKey = "policy_pixels"
-#: int64 [1]; the previous action, A at an episode's start. PreviousAction ->
-#: ActorCritic.
+#: int64 [1]; the last action, A at an episode's start. PreviousAction -> ActorCritic.
 PREVIOUS_ACTION: NestedKey = "previous_action"
-#: float32 [1]; the reward of the previous decision, clipped, 0 at an episode's start.
-#: PreviousReward -> ActorCritic, Navigator.
+#: float32 [1]; the last reward, clipped, 0 at an episode's start. PreviousReward ->
+#: ActorCritic, Navigator.
 PREVIOUS_REWARD: NestedKey = "previous_reward"
 #: float32 [C]; hidden and cell state of the LSTM. ActorCritic -> itself.
 HIDDEN: NestedKey = ("recurrent_state", "hidden")
@@ -131,24 +121,19 @@ IS_INIT: NestedKey = "is_init"
 ACTION_LOG_PROB: NestedKey = "action_log_prob"
 #: float32 [1]; the critic's estimate of the return. ActorCritic -> losses.
 STATE_VALUE: NestedKey = "state_value"
-#: float32 [1]; advantage of the action and target of the critic. Value estimators ->
-#: losses.
+#: float32 [1]; of the action, and the critic's target. Value estimators -> losses.
 ADVANTAGE: NestedKey = "advantage"
 VALUE_TARGET: NestedKey = "value_target"
-#: int64 [1]; number of the environment, unique over all workers. MailboxCollector ->
-#: learners, map.
+#: int64 [1]; number of the env over all workers. MailboxCollector -> learners, map.
 ENV_ID: NestedKey = "env_id"
-#: int64 [1]; versions of the policy's and of the networks' weights that made this
-#: decision. MailboxCollector -> learners, map.
+#: int64 [1]; of the weights that made this decision. MailboxCollector -> learners, map.
 POLICY_VERSION: NestedKey = ("version", "policy")
 NETWORKS_VERSION: NestedKey = ("version", "networks")
 
 # --- navigation (graph/navigation) ------------------------------------------
-#: uint8 [V, H, W, 3]; views of the goal, the same in all decisions of an episode.
-#: GoalViews -> Navigator.
+#: uint8 [V, H, W, 3]; of the goal, the same in all decisions. GoalViews -> Navigator.
 GOAL_VIEWS: NestedKey = "goal_views"
-#: Nested key of the navigator's internal state, for evaluation: it contains no ground
-#: truth, and no policy reads it.
+#: Nested key of the navigator's state, for evaluation: no policy reads it.
 NAVIGATION: str = "navigation"
 #: int64 [1]; waypoint at which the navigator localises the agent, -1 if lost.
 PLACE: NestedKey = (NAVIGATION, "place")
