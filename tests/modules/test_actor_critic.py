@@ -252,9 +252,11 @@ def test_an_env_with_one_hot_actions_gets_them() -> None:
 
 
 def test_an_env_with_other_actions_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"one_hot must be True .* OneHot, got False"):
+    with pytest.raises(
+        ValueError, match=r"must be \(2, True\) .* OneHot, got \(2, False\)"
+    ):
         make_one_hot_env(make_network())[1].reset()
-    with pytest.raises(ValueError, match="num_actions must be that of the env, 2, got"):
+    with pytest.raises(ValueError, match=r"must be \(2, True\) .* got \(3, False\)"):
         make_one_hot_env(make_network(num_actions=3))[1].reset()
 
 

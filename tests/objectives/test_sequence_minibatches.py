@@ -71,7 +71,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="must be at least 1, got 0 and 3"):
         SequenceMinibatches(0, num_minibatches=3)
     minibatches = SequenceMinibatches(50, num_minibatches=3)
-    with pytest.raises(ValueError, match=r"120 decisions, got 50; .* is 40\."):
+    with pytest.raises(ValueError, match=r"120 decisions, got 50"):
         list(minibatches(numbered(1, 120)))
     with pytest.raises(ValueError, match="at most the batch's 2 sequences, got 3"):
         list(minibatches(numbered(1, 100)))

@@ -43,16 +43,11 @@ class RecurrentStatePrimer(TensorDictPrimer):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         spec = self.parent.full_action_spec[ACTION]
-        num_actions = getattr(spec.space, "n", None)
-        if num_actions != self.num_actions:
+        wanted = getattr(spec.space, "n", None), isinstance(spec, OneHot)
+        if (self.num_actions, self.one_hot) != wanted:
             raise ValueError(
-                f"num_actions must be that of the env, {num_actions}, got "
-                f"{self.num_actions}."
-            )
-        if isinstance(spec, OneHot) != self.one_hot:
-            raise ValueError(
-                f"one_hot must be {not self.one_hot} for the env's actions, "
-                f"{type(spec).__name__}, got {self.one_hot}."
+                f"num_actions and one_hot must be {wanted} for the env's actions, "
+                f"{type(spec).__name__}, got {(self.num_actions, self.one_hot)}."
             )
         return super().transform_observation_spec(observation_spec)
 
@@ -112,15 +107,14 @@ class ActorCritic(TensorDictModuleBase):
         self.num_actions = num_actions
         self.hidden_dim = hidden_dim
         self.one_hot = one_hot
+        self.view_key = view_key or (POLICY_PIXELS if input == "pixels" else EMBEDDING)
         self.trunk: nn.Module
         if input == "pixels":
             self.trunk = PixelTrunk(code_dim, image_size=image_size)
-            self.view_key = view_key or POLICY_PIXELS
         elif embedding_dim is None:
             raise ValueError('embedding_dim must be given with input="embedding".')
         else:
             self.trunk = EmbeddingTrunk(embedding_dim, code_dim)
-            self.view_key = view_key or EMBEDDING
         self.lstm = EpisodicLSTM(code_dim + num_actions + 2, hidden_dim)
         self.actor = nn.Linear(hidden_dim, num_actions)
         self.critic = nn.Linear(hidden_dim, 1)
@@ -146,10 +140,8 @@ class ActorCritic(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
         inputs = self._lstm_inputs(tensordict)
-        inputs = inputs.reshape(-1, inputs.shape[-1])
-        state = self._state(tensordict)
         is_init = tensordict.get(IS_INIT).reshape(-1)
-        hidden, cell = self.lstm.step(inputs, state, is_init)
+        hidden, cell = self.lstm.step(inputs, self._state(tensordict), is_init)
         logits = self.actor(hidden)
         log_probs = F.log_softmax(logits.float(), -1)
         if exploration_type() in (None, ExplorationType.RANDOM):
@@ -177,11 +169,10 @@ class ActorCritic(TensorDictModuleBase):
     def unroll_lstm(self, tensordict: TensorDictBase) -> Tensor:
         """The LSTM's outputs over a slice, ``[*B, T, H]``."""
         shape = tensordict.batch_size
-        inputs = self._lstm_inputs(tensordict)
+        inputs = self._lstm_inputs(tensordict).unflatten(0, (-1, shape[-1]))
         state = self._state(tensordict[..., 0].select(HIDDEN, MEMORY_CELL))
         is_init = tensordict.get(IS_INIT).reshape(-1, shape[-1])
-        rows = inputs.reshape(-1, shape[-1], inputs.shape[-1])
-        outputs: Tensor = self.lstm(rows, state, is_init)[0]
+        outputs: Tensor = self.lstm(inputs, state, is_init)[0]
         return outputs.reshape(*shape, -1)
 
     @torch.no_grad()
@@ -189,18 +180,19 @@ class ActorCritic(TensorDictModuleBase):
         """Values ``[*B, 1]`` of the states under ``"next"``, without gradients."""
         following = tensordict.get("next")
         inputs = self._lstm_inputs(following)
-        inputs = inputs.reshape(-1, inputs.shape[-1])
         is_init = inputs.new_zeros(len(inputs), dtype=torch.bool)
         hidden, _ = self.lstm.step(inputs, self._state(following), is_init)
         value: Tensor = self.critic(hidden)
         return value.reshape(*tensordict.batch_size, 1)
 
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
+        """One row a decision, ``[N, D]``."""
         code: Tensor = self.trunk(tensordict.get(self.view_key))
         action = tensordict.get(PREVIOUS_ACTION).squeeze(-1)
         one_hot = F.one_hot(action, self.num_actions + 1).to(code.dtype)
         reward = tensordict.get(PREVIOUS_REWARD).to(code.dtype)
-        return torch.cat([code, one_hot, reward], -1)
+        inputs = torch.cat([code, one_hot, reward], -1)
+        return inputs.reshape(-1, inputs.shape[-1])
 
     def _state(self, tensordict: TensorDictBase) -> State:
         hidden, cell = tensordict.get(HIDDEN, None), tensordict.get(MEMORY_CELL, None)

@@ -80,10 +80,9 @@ class A3CLoss(GAEMixin, LossModule):
         is_init: NestedKey = IS_INIT
 
     default_keys = _AcceptedKeys
-    tensor_keys: _AcceptedKeys
     #: The n-step return.
     default_value_estimator = ValueEstimators.TD1
-
+    functional = False
     out_keys = ["loss_objective", "loss_critic", "loss_entropy", "entropy"]
     _schedulable_buffers = frozenset({"entropy_coeff", "critic_coeff"})
     entropy_coeff: Tensor
@@ -119,19 +118,13 @@ class A3CLoss(GAEMixin, LossModule):
             self.set_keys(action=action)
 
     @property
-    def functional(self) -> bool:
-        return False
-
-    @property
     def in_keys(self) -> list[NestedKey]:
         keys = self.tensor_keys
-        now = list(self.actor_network.in_keys)
-        judged = now
-        if self.critic_network is not None:
-            judged = list(self.critic_network.in_keys)
-            now += [key for key in judged if key not in now]
+        actor, judge = self.actor_network, self.critic_network
+        judge = actor if judge is None else judge
+        now = dict.fromkeys([*actor.in_keys, *judge.in_keys])
         # What a network reads of decisions but not under "next".
-        following = [key for key in judged if key != keys.is_init]
+        following = [key for key in judge.in_keys if key != keys.is_init]
         following += [keys.reward, keys.done, keys.terminated]
         return [*now, keys.action, *(under_next(key) for key in following)]
 
@@ -146,18 +139,16 @@ class A3CLoss(GAEMixin, LossModule):
             )
         else:
             value_target = read_entry(tensordict, keys.value_target, "value_target")
-        objective = -(log_prob * advantage.squeeze(-1))
         critic = distance_loss(value_target, state_value, "l2")
-        mean_entropy = entropy.detach()
-        if self.reduction != "none":
-            mean_entropy = mean_entropy.mean()
         losses = {
-            "loss_objective": objective,
+            "loss_objective": -(log_prob * advantage.squeeze(-1)),
             "loss_critic": self.critic_coeff * critic.squeeze(-1),
             "loss_entropy": -self.entropy_coeff * entropy,
         }
         reduced = {name: self._reduce(one, tensordict) for name, one in losses.items()}
-        return TensorDict({**reduced, "entropy": mean_entropy})
+        entropy = entropy.detach()
+        entropy = entropy if self.reduction == "none" else entropy.mean()
+        return TensorDict({**reduced, "entropy": entropy})
 
     def _evaluate(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
         keys = self.tensor_keys
@@ -188,8 +179,8 @@ class A3CLoss(GAEMixin, LossModule):
         following = self.critic_network(tensordict.get("next").copy())
         return cast(Tensor, following.get(self.tensor_keys.value))
 
-    def _reduce(self, loss: Tensor, tensordict: TensorDictBase) -> Tensor:
+    def _reduce(self, loss: Tensor, tensordict: TensorDictBase) -> Any:
         if self.reduction == "unroll":
             kept = self._reduce_loss(loss, tensordict, reduction="none")
-            return cast(Tensor, kept.sum(-1).mean())
-        return cast(Tensor, self._reduce_loss(loss, tensordict))
+            return kept.sum(-1).mean()
+        return self._reduce_loss(loss, tensordict)

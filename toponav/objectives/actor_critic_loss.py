@@ -69,21 +69,17 @@ class GAEMixin:
                     f"value_type must be one of {[kind.name for kind in _LMBDAS]} for "
                     f"{type(loss).__name__}, got {value_type}."
                 )
-            lmbda = _LMBDAS[value_type]
-            if lmbda is None:
-                lmbda = hyperparams.pop("lmbda")
-            elif "lmbda" in hyperparams:
-                raise ValueError(
-                    f"lmbda must not be given with {value_type.name}, got "
-                    f"{hyperparams['lmbda']}."
-                )
-            shares = {"gamma": hyperparams.pop("gamma"), "lmbda": lmbda}
-            for name, share in shares.items():
+            fixed, given = _LMBDAS[value_type], hyperparams.get("lmbda")
+            if fixed is not None and given is not None:
+                name = value_type.name
+                raise ValueError(f"lmbda must not be given with {name}, got {given}.")
+            hyperparams["lmbda"] = given if fixed is None else fixed
+            for name in ("gamma", "lmbda"):
+                share = hyperparams[name] = float(hyperparams[name])
                 if not 0 <= share <= 1:
-                    raise ValueError(f"{name} must be in [0, 1], got {float(share)}.")
+                    raise ValueError(f"{name} must be in [0, 1], got {share}.")
             hyperparams.setdefault("device", loss._default_device)
-            shares = {name: float(share) for name, share in shares.items()}
-            loss._value_estimator = GAE(**shares, value_network=None, **hyperparams)
+            loss._value_estimator = GAE(value_network=None, **hyperparams)
         loss._forward_value_estimator_keys()
         return self
 
@@ -106,9 +102,8 @@ def bootstrapped_advantage(
         Advantage Estimation" (2015); the paper, eq. of R_t in "Asynchronous advantage
         actor-critic algorithm".
     """
-    keys = loss.tensor_keys
-    state_value = state_value.detach()
-    ends = []
+    keys, state_value = loss.tensor_keys, state_value.detach()
+    entries = {}
     for name in ("reward", "done", "terminated"):
         entry = read_entry(batch, under_next(getattr(keys, name)), name)
         if entry.shape != state_value.shape:
@@ -116,13 +111,13 @@ def bootstrapped_advantage(
                 f"('next', {getattr(keys, name)!r}) must have the shape "
                 f"{list(state_value.shape)} of the values, got {list(entry.shape)}."
             )
-        ends.append(entry)
-    is_last = ends[1].clone()
+        entries[name] = entry
+    is_last = entries["done"].clone()
     is_last[..., -1, :] = True
     following = torch.zeros_like(state_value)
     following[..., :-1, :] = state_value[..., 1:, :]
     following = following.masked_fill(is_last, 0)
-    judged = (is_last & ~ends[2]).squeeze(-1)
+    judged = (is_last & ~entries["terminated"]).squeeze(-1)
     if judged.any():
         with torch.no_grad():
             values = next_values(batch.select("next")[judged])

@@ -19,6 +19,7 @@ class PairLoss(LossModule):
     normalisation must follow ``train()``.
     """
 
+    functional = False
     #: Which of the accepted keys are the network's prediction and what it should be.
     _predicted: str
     _wanted: str
@@ -29,15 +30,8 @@ class PairLoss(LossModule):
         self.reduction = "mean"
 
     @property
-    def functional(self) -> bool:
-        return False
-
-    @property
     def in_keys(self) -> list[NestedKey]:
         return [*self.network.in_keys, getattr(self.tensor_keys, self._wanted)]
-
-    def _forward_value_estimator_keys(self, **kwargs: NestedKey) -> None:
-        pass
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -49,17 +43,15 @@ class PairLoss(LossModule):
         weight = tensordict.get(keys.weight, None)
         if weight is not None:
             weight = weight.detach()
-        measured = zip(self.out_keys, self._compare(predicted, wanted), strict=True)
-        return TensorDict(
-            {
-                key: self._reduce_loss(value, tensordict, weights=weight)
-                for key, value in measured
-            }
-        )
+        measured = [
+            self._reduce_loss(value.float(), tensordict, weights=weight)
+            for value in self._compare(predicted, wanted)
+        ]
+        return TensorDict(dict(zip(self.out_keys, measured, strict=True)))
 
     @abstractmethod
     def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
-        """Loss of each pair, and 1 where the prediction is right, without gradient."""
+        """Loss of each pair, and whether the prediction is right."""
 
 
 class TCLoss(PairLoss):
@@ -86,7 +78,6 @@ class TCLoss(PairLoss):
         weight: NestedKey = WEIGHT
 
     default_keys = _AcceptedKeys
-    tensor_keys: _AcceptedKeys
     out_keys = ["loss_tc", "accuracy"]
     _predicted, _wanted = "logit", "label"
 
@@ -98,8 +89,7 @@ class TCLoss(PairLoss):
             )
         label = wanted.to(predicted.dtype)
         loss = F.binary_cross_entropy_with_logits(predicted, label, reduction="none")
-        is_right = (predicted.detach() > 0) == (label > 0.5)
-        return loss, is_right.to(predicted.dtype)
+        return loss, (predicted > 0) == (label > 0.5)
 
 
 class LLoss(PairLoss):
@@ -119,7 +109,6 @@ class LLoss(PairLoss):
         weight: NestedKey = WEIGHT
 
     default_keys = _AcceptedKeys
-    tensor_keys: _AcceptedKeys
     out_keys = ["loss_locomotion", "accuracy"]
     _predicted, _wanted = "logits", "action"
 
@@ -131,6 +120,5 @@ class LLoss(PairLoss):
             )
         loss = F.cross_entropy(
             predicted.flatten(0, -2), wanted.flatten(), reduction="none"
-        ).reshape(wanted.shape)
-        is_right = predicted.detach().argmax(-1) == wanted
-        return loss, is_right.to(predicted.dtype)
+        )
+        return loss.reshape(wanted.shape), predicted.argmax(-1) == wanted

@@ -46,11 +46,9 @@ class SequenceMinibatches:
         """One pass over a batch ``[*B, T]``, time last, in minibatches ``[N, L]``."""
         length, total = self.sequence_length, batch.batch_size[-1]
         if total % length:
-            nearest = [n for n in range(1, total + 1) if total % n == 0]
-            best = min(nearest, key=lambda n: abs(n - length))
             raise ValueError(
                 f"sequence_length must divide the slice's {total} decisions, got "
-                f"{length}; the nearest that does is {best}."
+                f"{length}."
             )
         sequences = batch.exclude("next").reshape(-1, length)
         if len(sequences) < self.num_minibatches:
