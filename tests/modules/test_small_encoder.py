@@ -7,7 +7,7 @@ from torch.nn import functional as F  # noqa: N812
 from torch.utils.flop_counter import FlopCounterMode
 
 from toponav.modules import ResNet18, SmallEncoder
-from toponav.modules.small_encoder import box_downsample
+from toponav.modules.encoders import box_downsample
 
 
 def pixels(*batch: int) -> torch.Tensor:

@@ -24,22 +24,16 @@ from toponav.metrics.navigation_faults import (
     slow_legs as slow_legs,
 )
 from toponav.metrics.navigation_metrics import (
+    TRACE_KEYS as TRACE_KEYS,
+    TRACE_NEXT_KEYS as TRACE_NEXT_KEYS,
+    NavigationTrace as NavigationTrace,
+    find_legs as find_legs,
     first_goal as first_goal,
     mean_detour as mean_detour,
     measure_legs as measure_legs,
     success_weighted_by_length as success_weighted_by_length,
     success_within as success_within,
-)
-from toponav.metrics.navigation_trace import (
-    TRACE_KEYS as TRACE_KEYS,
-    TRACE_NEXT_KEYS as TRACE_NEXT_KEYS,
-    NavigationTrace as NavigationTrace,
-    find_legs as find_legs,
     trace_navigation as trace_navigation,
-)
-from toponav.metrics.pose_bound import (
-    pose_bound as pose_bound,
-    pose_features as pose_features,
 )
 from toponav.metrics.statistics import (
     Floats as Floats,
@@ -62,5 +56,7 @@ from toponav.metrics.tc_report import (
     most_similar as most_similar,
     pair_candidates as pair_candidates,
     place_error as place_error,
+    pose_bound as pose_bound,
+    pose_features as pose_features,
     tc_report as tc_report,
 )

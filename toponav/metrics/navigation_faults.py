@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from toponav.ground_truth import GroundTruthDistances
-from toponav.metrics.navigation_trace import NavigationTrace, find_legs
+from toponav.metrics.navigation_metrics import NavigationTrace, find_legs
 from toponav.metrics.statistics import Bools, Floats, Ints
 
 #: What a decision suffered from, in the order in which it is looked for.
