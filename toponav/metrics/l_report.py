@@ -114,16 +114,16 @@ def l_report(
         useful: bool ``[P, A]``, see `useful_actions`.
         max_action_distance: k.
     """
-    if ((offset < 1) | (offset > max_action_distance)).any():
+    k = max_action_distance
+    if ((offset < 1) | (offset > k)).any():
         got = f"{offset.min()} to {offset.max()}"
-        raise ValueError(f"offset must lie in 1..{max_action_distance}, got {got}.")
+        raise ValueError(f"offset must lie in 1..{k}, got {got}.")
     if logits.isnan().any():
         raise ValueError("logits must be numbers, got NaN.")
-    size = max_action_distance
-    count = torch.bincount(offset - 1, minlength=size)
+    count = torch.bincount(offset - 1, minlength=k)
 
     def by_offset(value: Tensor) -> Tensor:
-        return torch.bincount(offset - 1, value.double(), minlength=size) / count
+        return torch.bincount(offset - 1, value.double(), minlength=k) / count
 
     best = logits.argmax(1, keepdim=True)
     chance = logits.double().softmax(1)
@@ -155,20 +155,16 @@ def bayes_bound(
         tensor([1.0000, 0.8125], dtype=torch.float64)
     """
     cell = require_motion(world).cell_size
-    position = torch.zeros(1, 2, dtype=torch.float64)
-    heading = torch.zeros(1, dtype=torch.float64)
+    position, heading = torch.zeros(1, 2).double(), torch.zeros(1).double()
     # Of the sequences that end at a pose, how many began with each action.
-    counts = torch.ones(1, 1, dtype=torch.float64)
+    counts = torch.eye(world.num_actions).double()
     bounds = []
-    for offset in range(1, max_action_distance + 1):
+    for offset in range(max_action_distance):
         position, heading = move(position, heading, world=world)
         position, heading = position.reshape(-1, 2), heading.reshape(-1) % 360
-        # The ends of the first decision set the first actions apart.
-        if offset == 1:
-            counts = torch.eye(world.num_actions, dtype=torch.float64)
-        else:
+        if offset:
             counts = counts.repeat_interleave(world.num_actions, 0)
-        # 6^10 sequences take 20 GB one by one; most end where another one does.
+        # Most of the A^j sequences end where another one does.
         counts, one = _merge(position, heading, counts, _SAME_POSE * cell)
         position, heading = position[one], heading[one]
         alike, _ = _merge(position, heading, counts, resolution * cell)

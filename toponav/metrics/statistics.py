@@ -50,9 +50,8 @@ def bootstrap(
     """A statistic of runs or episodes, with its percentile bootstrap interval.
 
     Two seeds of one learner often differ more than two episodes of one seed do. With
-    ``[R, E]``, each draw therefore takes R runs and then E episodes of each of them.
-    The interval of one run alone covers the chance of its episodes and says nothing
-    about other seeds.
+    ``[R, E]``, each draw therefore takes R runs and then E episodes of each of them;
+    that of one run alone says nothing about other seeds.
 
     Reference:
         Agarwal et al., "Deep reinforcement learning at the edge of the statistical
@@ -75,10 +74,9 @@ def bootstrap(
         raise ValueError(f"values must be [N] or [R, E], not empty, got {table.shape}")
     if not np.isfinite(table).all():
         raise ValueError("values must be finite, got some that are not")
-    if not 0 < level < 1:
-        raise ValueError(f"level must lie in (0, 1), got {level}")
-    if draws < 1:
-        raise ValueError(f"draws must be at least 1, got {draws}")
+    if not 0 < level < 1 or draws < 1:
+        got = f"{level} and {draws}"
+        raise ValueError(f"level must lie in (0, 1) and draws above 0, got {got}")
     value = float(statistic(table))
     if table.size == 1:
         return Estimate(value, np.nan, np.nan)
@@ -109,9 +107,7 @@ def running_mean(values: ArrayLike, window: int) -> Floats:
 def correlation(first: ArrayLike, second: ArrayLike) -> float:
     """Pearson's correlation of two ``[N]``; pairs with a NaN are left out.
 
-    A reward that is hacked keeps rising while coverage falls: the correlation of return
-    and coverage over episodes then goes towards 0 and below. NaN with fewer than three
-    pairs or if one side is constant.
+    NaN with fewer than three pairs or if one side is constant.
     """
     x, y = (np.asarray(side, np.float64).reshape(-1) for side in (first, second))
     if len(x) != len(y):

@@ -211,25 +211,19 @@ def pose_features(
 
     The arguments are those of `pair_truth`, and its result; float32 ``[P, 14]``.
     """
-    anchor, other = positions
-    facing, facing_other = (heading.reshape(-1).deg2rad() for heading in headings)
-    gap = other - anchor
-    east, north = facing.cos(), facing.sin()
+    angles = (heading.reshape(-1).deg2rad() for heading in headings)
+    facing, facing_other = (torch.stack([a.cos(), a.sin()], 1) for a in angles)
+    (east, north), (x, y) = facing.unbind(1), (positions[1] - positions[0]).unbind(1)
     columns = [
-        *anchor.unbind(1),
-        *other.unbind(1),
-        east,
-        north,
-        facing_other.cos(),
-        facing_other.sin(),
-        gap[:, 0] * east + gap[:, 1] * north,
-        gap[:, 1] * east - gap[:, 0] * north,
+        x * east + y * north,
+        y * east - x * north,
         truth.distance,
         truth.straight,
         truth.heading_difference,
         truth.least_decisions,
     ]
-    return torch.stack(columns, 1).float()
+    both = torch.cat([*positions, facing, facing_other], 1)
+    return torch.cat([both, torch.stack(columns, 1)], 1).float()
 
 
 def pose_bound(

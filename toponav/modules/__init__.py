@@ -11,8 +11,4 @@ from toponav.modules.pair_networks import (
     LocomotionHead as LocomotionHead,
     TCNetwork as TCNetwork,
 )
-from toponav.modules.policy_trunks import (
-    EmbeddingTrunk as EmbeddingTrunk,
-    PixelTrunk as PixelTrunk,
-)
 from toponav.modules.rnd import RandomNetworkDistillation as RandomNetworkDistillation

@@ -57,9 +57,8 @@ class ActorCritic(TensorDictModuleBase):
 
     An LSTM reads a trunk's code of the view, the previous action (one-hot, one place
     more for "none") and the previous reward; two linear heads give logits and value.
-    Calling the module makes one decision for a batch of envs; ``set_exploration_type``
-    is honoured. Put `make_tensordict_primer` and TorchRL's ``InitTracker`` into the
-    env.
+    Calling the module makes one decision for a batch of envs, which need
+    `make_tensordict_primer` and TorchRL's ``InitTracker``.
 
     Reference:
         The paper, "Learning model"; sizes of Jaderberg et al., "Reinforcement Learning
@@ -68,7 +67,7 @@ class ActorCritic(TensorDictModuleBase):
     Args:
         num_actions: number A of actions, at least 2.
         input: ``"pixels"`` for a `PixelTrunk`, ``"embedding"`` for an `EmbeddingTrunk`.
-        embedding_dim: length of the embedding; needed for it, not used for pixels.
+        embedding_dim: length of the embedding, needed for it alone.
         image_size: height and width of the policy's views in pixels.
         code_dim, hidden_dim: lengths of the trunk's code and, H, of the LSTM's state.
         view_key: where the view is, ``policy_pixels`` or ``embedding`` unless given.
@@ -131,11 +130,9 @@ class ActorCritic(TensorDictModuleBase):
 
     def initial_state(self, *batch_size: int) -> TensorDict:
         """Zero states of the LSTM, ``hidden`` and ``memory_cell``, ``[*B, H]``."""
-        device = self.actor.weight.device
-        zeros = torch.zeros(*batch_size, self.hidden_dim, device=device)
-        return TensorDict(
-            {"hidden": zeros, "memory_cell": zeros.clone()}, batch_size, device=device
-        )
+        zeros = self.actor.weight.new_zeros(*batch_size, self.hidden_dim)
+        state = {"hidden": zeros, "memory_cell": zeros.clone()}
+        return TensorDict(state, batch_size, device=zeros.device)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size

@@ -42,8 +42,8 @@ class PixelTrunk(nn.Module):
         self.project = nn.Linear(32 * height * width, code_dim)
         for layer in (self.conv1, self.conv2, self.project):
             start_orthogonal(layer)
-        for convolution in (self.conv1, self.conv2):
-            use_channels_last(convolution)
+        use_channels_last(self.conv1)
+        use_channels_last(self.conv2)
 
     def forward(self, pixels: Tensor) -> Tensor:
         check_pixels(pixels, self.image_size)

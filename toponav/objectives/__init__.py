@@ -1,9 +1,6 @@
 """Losses, one LossModule a file, and what their training loops need beside them."""
 
 from toponav.objectives.a3c_loss import A3CLoss as A3CLoss
-from toponav.objectives.actor_critic_loss import (
-    RecurrentActorCritic as RecurrentActorCritic,
-)
 from toponav.objectives.pair_losses import LLoss as LLoss, TCLoss as TCLoss
 from toponav.objectives.recurrent_ppo_loss import RecurrentPPOLoss as RecurrentPPOLoss
 from toponav.objectives.return_scale import ReturnScale as ReturnScale

@@ -52,7 +52,7 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         critic_coeff: float = 0.5,
     ) -> None:
         actor = ProbabilisticActor(
-            TensorDictModule(actor_critic.actor, in_keys=[_OUTPUT], out_keys=[LOGITS]),
+            TensorDictModule(actor_critic.actor, [_OUTPUT], [LOGITS]),
             in_keys=[LOGITS],
             out_keys=[ACTION],
             distribution_class=Categorical,
@@ -60,12 +60,9 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
             return_log_prob=True,
             log_prob_key=ACTION_LOG_PROB,
         )
-        critic = TensorDictModule(
-            actor_critic.critic, in_keys=[_OUTPUT], out_keys=[STATE_VALUE]
-        )
         super().__init__(
             actor,
-            critic,
+            TensorDictModule(actor_critic.critic, [_OUTPUT], [STATE_VALUE]),
             clip_epsilon=clip_epsilon,
             entropy_coeff=entropy_coeff,
             critic_coeff=critic_coeff,
@@ -102,13 +99,11 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         keys = self.tensor_keys
         if tensordict.get(keys.advantage, None) is None:
             tensordict = self.estimate_advantage(tensordict.copy(), normalize=False)
-        decisions = tensordict.select(
-            keys.sample_log_prob, keys.advantage, keys.value_target
-        )
-        outputs = self.actor_critic.unroll_lstm(tensordict)
+        own = (keys.sample_log_prob, keys.advantage, keys.value_target)
+        decisions = tensordict.select(*own)
         action = read_entry(tensordict, keys.action, "action")
         num_actions = self.actor_critic.num_actions
         decisions.set(keys.action, action_numbers(action, num_actions, decisions.shape))
-        decisions.set(_OUTPUT, outputs)
+        decisions.set(_OUTPUT, self.actor_critic.unroll_lstm(tensordict))
         # Flat, because its statistics for the log are taken over the first dimension.
         return super().forward(decisions.reshape(-1))

@@ -58,9 +58,7 @@ class ReturnScale(TensorDictModuleBase):
             raise ValueError(f"gamma must be at least 0 and below 1, got {gamma}.")
         if clip is not None and clip <= 0:
             raise ValueError(f"clip must be above 0 or None, got {clip}.")
-        self.num_envs = num_envs
-        self.gamma = gamma
-        self.clip = clip
+        self.num_envs, self.gamma, self.clip = num_envs, gamma, clip
         self.enabled = enabled
         self.in_keys = [("next", reward), ("next", DONE)]
         self.out_keys = [("next", out_key)]
@@ -90,15 +88,12 @@ class ReturnScale(TensorDictModuleBase):
         self._count(self._returns(reward.reshape(shape).double(), done, envs))
         scaled = reward / self.deviation.clamp_min(1e-4)
         if self.clip is not None:
-            scaled = scaled.clamp_(-self.clip, self.clip)
+            scaled.clamp_(-self.clip, self.clip)
         return tensordict.set(self.out_keys[0], scaled)
 
     def _envs(self, tensordict: TensorDictBase) -> Tensor:
-        env_id = tensordict.get(ENV_ID, None)
-        if env_id is None:
-            envs = torch.arange(tensordict.batch_size[0], device=self.count.device)
-        else:
-            envs = env_id[:, 0].reshape(-1)
+        rows = torch.arange(tensordict.batch_size[0], device=self.count.device)
+        envs: Tensor = tensordict.get(ENV_ID, rows.reshape(-1, 1, 1))[:, 0].reshape(-1)
         if int(envs.max()) >= self.num_envs:
             raise ValueError(
                 f"num_envs must be above every env's number, got {self.num_envs} and "
@@ -119,10 +114,8 @@ class ReturnScale(TensorDictModuleBase):
 
     def _count(self, returns: Tensor) -> None:
         """Merge the moments of a batch into those so far (Chan et al., 1979)."""
-        num = returns.numel()
-        mean = returns.mean()
-        total = self.count + num
-        difference = mean - self.mean
+        num, mean = returns.numel(), returns.mean()
+        total, difference = self.count + num, mean - self.mean
         self.square += (returns - mean).square().sum()
         self.square += difference.square() * self.count * num / total
         self.mean += difference * num / total

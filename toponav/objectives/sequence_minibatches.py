@@ -37,10 +37,7 @@ class SequenceMinibatches:
         self.sequence_length = sequence_length
         self.num_minibatches = num_minibatches
         self.generator = torch.Generator()
-        if seed is None:
-            self.generator.seed()
-        else:
-            self.generator.manual_seed(seed)
+        self.generator.manual_seed(self.generator.seed() if seed is None else seed)
 
     def __call__(self, batch: TensorDictBase) -> Iterator[TensorDictBase]:
         """One pass over a batch ``[*B, T]``, time last, in minibatches ``[N, L]``."""
