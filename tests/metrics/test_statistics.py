@@ -168,11 +168,9 @@ def test_wrong_arguments_are_refused() -> None:
         bootstrap([[[1.0]]])
     with pytest.raises(ValueError, match="values must be finite"):
         bootstrap([1.0, NAN])
-    with pytest.raises(
-        ValueError, match=r"level must lie in \(0, 1\) .* got 95 and 2000"
-    ):
+    with pytest.raises(ValueError, match=r"level must lie in .* got 95 and 2000"):
         bootstrap([1.0], level=95)
-    with pytest.raises(ValueError, match="draws above 0, got 0.95 and 0"):
+    with pytest.raises(ValueError, match=r"draws above 0, got 0\.95 and 0"):
         bootstrap([1.0], draws=0)
     with pytest.raises(ValueError, match="window must be at least 1, got 0"):
         running_mean([1.0], 0)

@@ -107,12 +107,8 @@ def l_report(
 ) -> LReport:
     """Measure a locomotion network on held-out pairs ``(o_i, o_(i+j), a_i)``.
 
-    Args:
-        logits: ``[P, A]``.
-        action: the action taken, int64 ``[P]``.
-        offset: j, in 1..k, int64 ``[P]``.
-        useful: bool ``[P, A]``, see `useful_actions`.
-        max_action_distance: k.
+    Its ``logits`` ``[P, A]``, the ``action`` taken and the ``offset`` j in 1..k, int64
+    ``[P]``, and which actions are ``useful``, bool ``[P, A]``, see `useful_actions`.
     """
     k = max_action_distance
     if ((offset < 1) | (offset > k)).any():

@@ -106,7 +106,7 @@ def tc_report(
         similarity: probabilities ``[P]``, float32.
         label: ``[P]``; 1: at most k decisions apart in the episode, 0: at least M k.
         truth: of the same pairs.
-        cell_size: side of a cell in map units.
+        cell_size: in map units.
         max_action_distance: k.
     """
     if not len(similarity) == len(label) == len(truth.distance):
@@ -168,14 +168,9 @@ def pair_candidates(
 ) -> Tensor:
     """Which views may stand for each other: of two episodes, or far apart in time.
 
-    Args:
-        episode: int64 ``[V]``.
-        step: decision within the episode, int64 ``[V]``.
-        min_gap: least number of decisions between two views of one episode; 1 for any.
-        rows: int64 ``[Q]``, the views that look for others; all by default.
-
-    Returns:
-        bool ``[Q, V]``; never true for a view and itself.
+    Bool ``[Q, V]`` of the views ``rows`` ``[Q]``, by default all, that look for others,
+    by number of the ``episode`` and of the decision or ``step`` within it, ``[V]``. Two
+    views of one episode are at least ``min_gap`` decisions apart.
     """
     if min_gap < 1:
         raise ValueError(f"min_gap must be at least 1, got {min_gap}.")

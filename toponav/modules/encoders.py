@@ -143,13 +143,11 @@ class ResNet18(nn.Module):
     Give the views of one update in one call, and call ``eval()`` before embeddings are
     compared with older ones. torchvision has no build for every torch that we support.
 
+    An ``embedding_dim`` other than 512 adds a linear layer.
+
     Reference:
         He et al., "Deep Residual Learning for Image Recognition" (2015); the paper's
         phi_E and phi_F, eqs. 5 and 13.
-
-    Args:
-        embedding_dim: length D of the embedding; other than 512 adds a linear layer.
-        image_size: height and width in pixels.
     """
 
     def __init__(

@@ -15,9 +15,6 @@ class EpisodicLSTM(nn.Module):
     Acting calls `step`, training the module, which splits a slice where any of its rows
     begins an episode: each piece runs through torch's fused kernel.
 
-    Args:
-        input_dim, hidden_dim: lengths D of the inputs and H of the state, at least 1.
-
     Examples:
         >>> lstm = EpisodicLSTM(8, 16)
         >>> state = (torch.zeros(4, 16), torch.zeros(4, 16))

@@ -10,7 +10,7 @@ from torchrl.modules import MLP
 
 
 class Comparator(Protocol):
-    """What `TCNetwork` asks of a comparator; both classes of this file provide it."""
+    """What `TCNetwork` asks of a comparator of embeddings of length D."""
 
     def __call__(self, anchor: Tensor, other: Tensor) -> Tensor:
         """One logit per pair: ``[*B, D]`` and ``[*B, D]`` to ``[*B]``."""
@@ -31,17 +31,13 @@ def _layers(inputs: int, hidden: Sequence[int]) -> tuple[nn.Linear, nn.Sequentia
 
 
 class ConcatComparator(nn.Module):
-    """Compare two embeddings by a perceptron on their concatenation, as in the paper.
+    """Compare two embeddings by a perceptron on their concatenation.
 
     The first layer is split, so that a memory's half is computed once. Not symmetric;
-    training swaps pairs at random.
+    training swaps pairs at random. ``hidden`` are the widths of its layers.
 
     Reference:
         The paper, phi_C of eq. 5: four hidden layers of 512 with ReLU.
-
-    Args:
-        embedding_dim: length D of the embeddings.
-        hidden: widths of the hidden layers, at least one, each at least 1.
     """
 
     def __init__(
@@ -69,11 +65,6 @@ class ConcatComparator(nn.Module):
 
 class DifferenceComparator(nn.Module):
     """Compare embeddings symmetrically, ``f([|Pa - Pb|; Pa * Pb])`` of projections P.
-
-    Args:
-        embedding_dim: length D of the embeddings.
-        projection_dim: length of the projections.
-        hidden: widths of the hidden layers, at least one, each at least 1.
 
     Examples:
         >>> comparator = DifferenceComparator(8, projection_dim=4, hidden=(16,))
@@ -165,10 +156,7 @@ class TCNetwork(nn.Module):
 class LocomotionHead(nn.Module):
     """Predict the action from two embeddings, ``phi_I`` of the paper.
 
-    Args:
-        embedding_dim: length D of the embeddings.
-        num_actions: number A of actions, at least 2.
-        hidden: widths of the hidden layers, each at least 1.
+    ``hidden`` are the widths of the hidden layers.
     """
 
     def __init__(

@@ -17,15 +17,11 @@ def start_orthogonal(layer: nn.Linear | nn.Conv2d, gain: float = math.sqrt(2)) -
 
 
 class PixelTrunk(nn.Module):
-    """Encode small views with two convolutions and a linear layer, ReLU after each.
+    """Encode views of 20 pixels or more as ``[*B, C]``: two convolutions, one layer.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
         the paper, "Learning model", with its 16 and 32 features.
-
-    Args:
-        code_dim: length C of the code.
-        image_size: height and width in pixels, both at least 20.
     """
 
     def __init__(self, code_dim: int = 256, *, image_size: tuple[int, int]) -> None:

@@ -103,7 +103,7 @@ class RandomNetworkDistillation(nn.Module):
     Args:
         image_size: height and width of the views in pixels, at least 36 each.
         width: channels of the first convolution.
-        feature_dim: length D of the features.
+        feature_dim: length of the features.
 
     Examples:
         >>> rnd = RandomNetworkDistillation((84, 84), width=8, feature_dim=64)

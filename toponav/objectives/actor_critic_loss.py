@@ -92,10 +92,9 @@ def bootstrapped_advantage(
 ) -> tuple[Tensor, Tensor]:
     """Advantages and value targets, ``[*B, T, 1]``, of decisions ``[*B, T]``.
 
-    Where a slice ends, or an episode is truncated, the next decision belongs to
-    something else: there ``next_values`` judges the state that is stored under
-    ``"next"``. After a terminated episode the value is 0. With ``lmbda=1`` the value
-    targets are the n-step returns of A3C.
+    Where a slice ends, or an episode is truncated, ``next_values`` judges the state
+    that is stored under ``"next"``. After a terminated episode the value is 0. With
+    ``lmbda=1`` the value targets are the n-step returns of A3C.
 
     Reference:
         Schulman et al., "High-Dimensional Continuous Control Using Generalized

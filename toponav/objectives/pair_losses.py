@@ -60,8 +60,7 @@ class TCLoss(PairLoss):
     Reference:
         The paper, "Temporal correlation network", eq. 5.
 
-    Args:
-        network: reads the pairs, views or embeddings, and writes the logit, ``[*B]``.
+    ``network`` reads the pairs, views or embeddings, and writes the logit, ``[*B]``.
 
     Examples:
         >>> import torch
@@ -95,11 +94,10 @@ class TCLoss(PairLoss):
 class LLoss(PairLoss):
     """Train the L-network by the (weighted) mean cross-entropy ``loss_locomotion``.
 
+    ``network`` reads the pairs, views or embeddings; it writes the logits, ``[*B, A]``.
+
     Reference:
         The paper, "Navigation implementation", eq. 14.
-
-    Args:
-        network: reads the pairs, views or embeddings; writes the logits, ``[*B, A]``.
     """
 
     @dataclass

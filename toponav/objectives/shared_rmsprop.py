@@ -18,12 +18,6 @@ class SharedRMSProp(torch.optim.Optimizer):
         The paper, eqs. 3 and 4; Mnih et al., "Asynchronous Methods for Deep
         Reinforcement Learning" (2016), which shares ``g`` among the workers.
 
-    Args:
-        params: parameters, or groups of them.
-        lr: learning rate, at least 0.
-        decay: how much of ``g`` remains after an update, in [0, 1).
-        eps: the constant inside the root, above 0.
-
     Examples:
         >>> weight = torch.nn.Parameter(torch.tensor([1.0]))
         >>> optimizer = SharedRMSProp([weight], lr=0.1, decay=0.99, eps=0.01)
