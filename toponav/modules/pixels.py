@@ -1,7 +1,9 @@
-"""Images as environments yield them, checked and ready to convolve."""
+"""Images as environments yield them, checked, and layers that are ready for them."""
+
+import math
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 
 def check_pixels(pixels: Tensor, *image_sizes: tuple[int, int]) -> None:
@@ -39,7 +41,14 @@ def pixels_to_planes(pixels: Tensor, dtype: torch.dtype) -> Tensor:
     return planes.to(dtype)
 
 
-def use_channels_last(layer: torch.nn.Conv2d) -> torch.nn.Conv2d:
+def use_channels_last(layer: nn.Conv2d) -> nn.Conv2d:
     """Store a convolution's weight in the memory order of `pixels_to_planes`."""
     layer.weight.data = layer.weight.data.contiguous(memory_format=torch.channels_last)
     return layer
+
+
+def start_orthogonal(layer: nn.Linear | nn.Conv2d, gain: float = math.sqrt(2)) -> None:
+    """Give a layer orthogonal weights, by default for a ReLU after it, and no bias."""
+    nn.init.orthogonal_(layer.weight, gain)
+    if layer.bias is not None:
+        nn.init.zeros_(layer.bias)

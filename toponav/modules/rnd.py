@@ -5,8 +5,7 @@ from torch import Tensor, nn
 from torchrl.envs.transforms.rnd import RunningMeanStd
 from torchrl.modules import MLP, ConvNet
 
-from toponav.modules.pixels import check_pixels
-from toponav.modules.policy_trunks import start_orthogonal
+from toponav.modules.pixels import check_pixels, start_orthogonal
 
 #: Luma of red, green and blue (ITU-R BT.601).
 _LUMA = (0.299, 0.587, 0.114)
