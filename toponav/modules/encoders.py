@@ -59,20 +59,15 @@ class SmallEncoder(nn.Module):
         self.halved_size = (height // 2, width // 2)
         layers: list[nn.Module] = []
         channels, height, width = 3, height // 2, width // 2
-        for out_channels, kernel in ((32, 5), (48, 3), (64, 3), (96, 3)):
+        for out, size in ((32, 5), (48, 3), (64, 3), (96, 3)):
             convolution = nn.Conv2d(
-                channels,
-                out_channels,
-                kernel,
-                stride=2,
-                padding=kernel // 2,
-                bias=not batch_norm,
+                channels, out, size, stride=2, padding=size // 2, bias=not batch_norm
             )
             layers.append(use_channels_last(convolution))
             if batch_norm:
-                layers.append(nn.BatchNorm2d(out_channels))
+                layers.append(nn.BatchNorm2d(out))
             layers.append(nn.ReLU(inplace=True))
-            channels, height, width = out_channels, (height + 1) // 2, (width + 1) // 2
+            channels, height, width = out, (height + 1) // 2, (width + 1) // 2
         self.convolutions = nn.Sequential(*layers)
         self.project = nn.Linear(channels * height * width, embedding_dim)
         # The last result of `_folded`, and the versions of the tensors behind it.
