@@ -12,20 +12,10 @@ from tensordict.nn import (
 )
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
-from torchrl.objectives import LossModule, ValueEstimators
+from torchrl.objectives import A2CLoss, LossModule, ValueEstimators
 from torchrl.objectives.utils import distance_loss
 
-from toponav.keys import (
-    ACTION,
-    ADVANTAGE,
-    DONE,
-    IS_INIT,
-    LOGITS,
-    REWARD,
-    STATE_VALUE,
-    TERMINATED,
-    VALUE_TARGET,
-)
+from toponav.keys import IS_INIT, LOGITS
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
@@ -68,14 +58,7 @@ class A3CLoss(GAEMixin, LossModule):
     """
 
     @dataclass
-    class _AcceptedKeys:
-        action: NestedKey = ACTION
-        reward: NestedKey = REWARD
-        done: NestedKey = DONE
-        terminated: NestedKey = TERMINATED
-        value: NestedKey = STATE_VALUE
-        advantage: NestedKey = ADVANTAGE
-        value_target: NestedKey = VALUE_TARGET
+    class _AcceptedKeys(A2CLoss._AcceptedKeys):
         logits: NestedKey = LOGITS
         is_init: NestedKey = IS_INIT
 
