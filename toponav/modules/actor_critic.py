@@ -201,9 +201,9 @@ class ActorCritic(TensorDictModuleBase):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
-        inputs = self._lstm_inputs(tensordict)
+        inputs, state = self._lstm_inputs(tensordict), self._state(tensordict)
         is_init = tensordict.get(IS_INIT).reshape(-1)
-        hidden, cell = self.lstm.step(inputs, self._state(tensordict), is_init)
+        hidden, cell = self.lstm.step(inputs, state, is_init)
         logits = self.actor(hidden)
         log_probs = F.log_softmax(logits.float(), -1)
         if exploration_type() in (None, ExplorationType.RANDOM):
