@@ -7,4 +7,7 @@ from toponav.methods.learners.actor_critic import (
 from toponav.methods.learners.ppo import PPOLearner
 
 #: By the name of their settings, ``conf/loss/<name>.yaml``.
-LEARNERS: dict[str, type[ActorCriticLearner]] = {"ppo": PPOLearner, "a3c": A3CLearner}
+LEARNERS: dict[str, type[ActorCriticLearner]] = {
+    "ppo": PPOLearner,
+    "a3c": A3CLearner,
+}
