@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tensordict import NestedKey
 
-from toponav.builders import Consumer, Networks, RewardMethod, World, make_device
+from toponav.builders import Consumer, Networks, RewardMethod, World
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS, ActorCriticLearner
 from toponav.modules import ActorCritic
@@ -33,7 +33,6 @@ def make_learner(
         reward=reward.reward_key,
         check=partial(require_finite, folder=folder, setting="loss.lr"),
         progress=lambda: state.progress,
-        device=make_device(settings.device),
     )
 
 

@@ -41,11 +41,7 @@ class CollectionError(TrainingError):
 def publish(
     mailbox: Mailbox, explorer: Explorer, consumers: Collection[Consumer]
 ) -> dict[str, int]:
-    """Publish what consumers have updated, and let all of them know.
-
-    Returns:
-        The new version of each name that was published.
-    """
+    """Publish what consumers have updated; the new versions, which all of them get."""
     names = {name for one in consumers for name in one.updated()}
     versions = {
         name: mailbox.publish(name, module)
@@ -106,14 +102,10 @@ def make_explore_collector(
     return PatientAsyncCollector(frames_per_batch=frames, **arguments)
 
 
-def make_worker_env(
-    settings: ExploreConfig, world: World, explorer: Explorer, envs: int, seed: int
-) -> EnvBase:
+def make_worker_env(settings: ExploreConfig, **arguments: Any) -> EnvBase:
     """The environment of one collecting process; full views stay out of batches."""
     stagger = settings.collect.stagger
-    env = make_explore_env(
-        settings, world, explorer, envs=envs, seed=seed, stagger=stagger
-    )
+    env = make_explore_env(settings, stagger=stagger, **arguments)
     return env.append_transform(ExcludeTransform(PIXELS))
 
 

@@ -36,8 +36,7 @@ class LocomotionFinetuner(Consumer):
 
     Args:
         settings: ``locomotion`` says how much to keep, and how to train.
-        networks: must share one encoder, since the embeddings that explorers hand over
-            are the TC-network's.
+        networks: with one encoder: embeddings of explorers are the TC-network's.
         check: see `PairTrainer`.
     """
 

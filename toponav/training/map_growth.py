@@ -45,11 +45,6 @@ class MapGrowth(Consumer):
 
     The map gets its own copy of the TC-network: the one that continues training is
     ahead of the version with which the explorers embed.
-
-    Args:
-        settings: of the run.
-        world: where it explores.
-        networks: with their thresholds.
     """
 
     # Episodes that are not over are not kept.

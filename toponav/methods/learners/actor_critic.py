@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 from torchrl.objectives import LossModule, ValueEstimators
 
-from toponav.builders import POLICY, Check, Consumer, World
+from toponav.builders import POLICY, Check, Consumer, World, make_device
 from toponav.config import (
     ExploreConfig,
     LearnerConfig,
@@ -79,7 +79,6 @@ class ActorCriticLearner(Consumer, ABC):
         check: called before every step of the optimiser with the losses and the number
             of the update; raises if one is not finite.
         progress: how much of the run is over, in [0, 1].
-        device: where it learns.
     """
 
     #: What the subclass calls its settings.
@@ -94,11 +93,11 @@ class ActorCriticLearner(Consumer, ABC):
         reward: NestedKey,
         check: Check,
         progress: Callable[[], float],
-        device: torch.device | str = "cpu",
     ) -> None:
         assert isinstance(settings.loss, self.schema)
         self.config = config = settings.loss
-        self.policy = self.make_policy(settings, world).to(device)
+        self.device = make_device(settings.device)
+        self.policy = self.make_policy(settings, world).to(self.device)
         self.check = check
         self.progress = progress
         self.updates = 0
@@ -158,9 +157,8 @@ class ActorCriticLearner(Consumer, ABC):
             group["lr"] = lr
         share = linear_decay(config.final_entropy, progress)
         self.loss.entropy_coeff.fill_(config.entropy_coeff * share)
-        device = next(self.policy.parameters()).device
-        batch = self.scale(batch).to(device)
-        measured = [self._step(piece) for piece in self.minibatches(batch)]
+        pieces = self.minibatches(self.scale(batch).to(self.device))
+        measured = [self._step(piece) for piece in pieces]
         means = {
             name: sum(one[name] for one in measured) / len(measured)
             for name in measured[0]

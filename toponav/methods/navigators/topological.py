@@ -41,8 +41,7 @@ class TopologicalConfig(NavigatorConfig):
 
     def rules(self, *, tc_reach: float) -> NavigatorRules:
         """The navigator's rules; ``tc_reach`` is the map's, unless it is set here."""
-        names = [one.name for one in fields(NavigatorRules)]
-        given = {name: getattr(self, name) for name in names}
+        given = {one.name: getattr(self, one.name) for one in fields(NavigatorRules)}
         if self.tc_reach is None:
             given["tc_reach"] = tc_reach
         return NavigatorRules(**given)
