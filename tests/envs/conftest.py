@@ -25,6 +25,6 @@ def registered(private_folders: Path) -> Callable[[], list[Path]]:
     """The folders of all engines of this test session."""
 
     def registered() -> list[Path]:
-        return [path.parent for path in private_folders.rglob("owner.json")]
+        return [path.parent for path in private_folders.rglob("engine.ini")]
 
     return registered

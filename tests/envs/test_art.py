@@ -17,10 +17,9 @@ from toponav.envs.engines.doom.art.palette import (
     PALETTE,
     colormap,
     colour_index,
+    encode_png,
     playpal,
-    quantise,
 )
-from toponav.envs.engines.doom.art.png import encode_png
 
 Picture = NDArray[np.uint8]
 Draw = Callable[[np.random.Generator], Picture]
@@ -33,6 +32,7 @@ DRAWN: dict[str, Draw] = {
     **{f"wall{s}": partial(textures.wall, s, s / 6) for s in STYLES},
     **{f"floor{s}": partial(textures.floor, s, s / 6) for s in STYLES},
     "painting": partial(textures.painting, WALL),
+    "marked": partial(textures.marked, WALL, 0.6),
     "sky": textures.sky,
     "door": lambda rng: textures.door(),
 }
@@ -59,8 +59,9 @@ def decoded(file: bytes, mode: str) -> Picture:
 
 
 def thumbnail(picture: Picture) -> NDArray[np.float64]:
-    """A 128 x 128 picture as it looks from about three cells away: 16 x 16."""
-    small: NDArray[np.float64] = picture.reshape(16, 8, 16, 8, 3).mean(axis=(1, 3))
+    """A 128 x 128 picture as it looks from about three cells away: 16 x 16, RGB."""
+    colours = PALETTE[picture].reshape(16, 8, 16, 8, 3)
+    small: NDArray[np.float64] = colours.mean(axis=(1, 3))
     return small
 
 
@@ -106,29 +107,15 @@ class TestPalette:
         assert (flashes == PALETTE).all()
 
 
-class TestQuantise:
-    def test_leaves_palette_colours_as_they_are(self) -> None:
-        index = np.arange(256, dtype=np.uint8).reshape(8, 32)
-        np.testing.assert_array_equal(quantise(PALETTE[index]), index)
-
-    def test_takes_the_nearest_colour(self) -> None:
-        # More distinct colours than are looked up at once.
-        rgb = np.random.default_rng(0).integers(0, 256, (90, 70, 3), dtype=np.uint8)
-        offset = rgb[:, :, None].astype(int) - PALETTE.astype(int)
-        nearest = np.square(offset).sum(axis=-1).argmin(axis=-1)
-        np.testing.assert_array_equal(quantise(rgb), nearest)
-
-    @pytest.mark.parametrize(
-        "rgb",
-        [np.zeros((4, 4, 3)), np.zeros((4, 4), np.uint8), np.zeros((4, 4, 4), "u1")],
-    )
-    def test_refuses_what_is_not_a_picture(self, rgb: Picture) -> None:
-        with pytest.raises(ValueError, match="must be uint8"):
-            quantise(rgb)
-
-
 class TestColormap:
     rows = np.frombuffer(colormap(), np.uint8).reshape(34, 256)
+
+    @pytest.mark.parametrize("level", [0, 1, 10, 31])
+    def test_every_entry_is_the_nearest_of_its_light(self, level: int) -> None:
+        lit = np.round(PALETTE * (1 - level / 32))
+        offset = lit[:, None] - PALETTE.astype(float)
+        nearest = np.square(offset).sum(axis=-1).argmin(axis=-1)
+        np.testing.assert_array_equal(self.rows[level], nearest)
 
     def test_full_light_changes_nothing(self) -> None:
         np.testing.assert_array_equal(self.rows[0], np.arange(256))
@@ -155,11 +142,10 @@ class TestTextures:
         np.testing.assert_array_equal(first, second)
 
     @pytest.mark.parametrize("kind", DRAWN)
-    def test_is_drawn_in_palette_colours(self, kind: str) -> None:
+    def test_is_drawn_in_palette_indices(self, kind: str) -> None:
         picture = DRAWN[kind](np.random.default_rng(1))
         assert picture.dtype == np.uint8
-        assert picture.shape == (128, 256 if kind == "sky" else 128, 3)
-        np.testing.assert_array_equal(PALETTE[quantise(picture)], picture)
+        assert picture.shape == (128, 256 if kind == "sky" else 128)
 
     @pytest.mark.parametrize("hue", np.arange(0, 1, 0.1))
     @pytest.mark.parametrize("draw", [textures.wall, textures.floor])
@@ -167,7 +153,7 @@ class TestTextures:
         self, draw: Callable[..., Picture], hue: float
     ) -> None:
         rng = np.random.default_rng(2)
-        assert min(draw(style, hue, rng).mean() for style in STYLES) > 70
+        assert min(PALETTE[draw(style, hue, rng)].mean() for style in STYLES) > 70
 
     @pytest.mark.parametrize("draw", [textures.wall, textures.floor])
     def test_styles_differ_even_in_one_hue(self, draw: Callable[..., Picture]) -> None:
@@ -182,14 +168,6 @@ class TestTextures:
                 for seed in range(8)
             ]
             assert len(set(looks)) > 1
-
-    @pytest.mark.parametrize("draw", [textures.wall, textures.floor])
-    @pytest.mark.parametrize("style", [-1, 6])
-    def test_refuses_unknown_styles(
-        self, draw: Callable[..., Picture], style: int
-    ) -> None:
-        with pytest.raises(ValueError, match=rf"\[0, 6\), got {style}"):
-            draw(style, 0.0, np.random.default_rng(0))
 
     def test_door_is_not_like_any_wall(self) -> None:
         # Even a wall of the door's own hue.
@@ -207,7 +185,7 @@ class TestPaintings:
 
     def test_cover_much_of_the_wall(self) -> None:
         for picture in PAINTINGS:
-            assert (picture != WALL).any(axis=-1).mean() > 0.2
+            assert (picture != WALL).mean() > 0.2
 
     def test_do_not_change_the_wall_they_are_given(self) -> None:
         wall = WALL.copy()
@@ -216,7 +194,7 @@ class TestPaintings:
 
     def test_each_is_unlike_all_others(self) -> None:
         for one, other in itertools.combinations(PAINTINGS, 2):
-            assert (one != other).any(axis=-1).mean() > 0.2
+            assert (one != other).mean() > 0.2
             # The closest of 11,175 pairs was 16 apart.
             assert np.abs(thumbnail(one) - thumbnail(other)).mean() > 12
 
@@ -231,9 +209,8 @@ class TestSprites:
         sprite = SPRITES[name]()
         assert sprite.shape == (*shape, 4)
         assert set(np.unique(sprite[..., 3])) == {0, 255}
-        np.testing.assert_array_equal(
-            PALETTE[quantise(sprite[..., :3])], sprite[..., :3]
-        )
+        colours = {tuple(colour) for colour in sprite[sprite[..., 3] > 0][:, :3]}
+        assert colours <= {tuple(colour) for colour in PALETTE}
         assert not sprite[sprite[..., 3] == 0].any()
 
     @pytest.mark.parametrize("name", SPRITES)
@@ -251,17 +228,13 @@ class TestEncodePng:
     @pytest.mark.parametrize("kind", DRAWN)
     def test_decodes_to_the_picture(self, kind: str) -> None:
         picture = DRAWN[kind](np.random.default_rng(4))
-        np.testing.assert_array_equal(decoded(encode_png(picture), "RGB"), picture)
-
-    def test_quantises_what_is_not_in_the_palette(self) -> None:
-        rgb = np.random.default_rng(5).integers(0, 256, (20, 30, 3), dtype=np.uint8)
-        expected = PALETTE[quantise(rgb)]
-        np.testing.assert_array_equal(decoded(encode_png(rgb), "RGB"), expected)
-        alpha = np.random.default_rng(6).integers(0, 256, (20, 30, 1), dtype=np.uint8)
         np.testing.assert_array_equal(
-            decoded(encode_png(np.concatenate([rgb, alpha], axis=2)), "RGBA"),
-            np.concatenate([expected, alpha], axis=2),
+            decoded(encode_png(picture), "RGB"), PALETTE[picture]
         )
+
+    def test_keeps_a_sprite_as_it_is(self) -> None:
+        rgba = np.random.default_rng(5).integers(0, 256, (20, 30, 4), dtype=np.uint8)
+        np.testing.assert_array_equal(decoded(encode_png(rgba), "RGBA"), rgba)
 
     def test_takes_indices_as_they_are(self) -> None:
         index = np.arange(256, dtype=np.uint8).reshape(16, 16)
@@ -284,16 +257,3 @@ class TestEncodePng:
         assert encode_png(sprites.goal(), (20, 48)) == encode_png(
             sprites.goal(), (20, 48)
         )
-
-    @pytest.mark.parametrize(
-        "image",
-        [
-            np.zeros((4, 4, 3)),
-            np.zeros((4, 4, 2), np.uint8),
-            np.zeros(4, np.uint8),
-            np.zeros((0, 4), np.uint8),
-        ],
-    )
-    def test_refuses_what_is_not_a_picture(self, image: Picture) -> None:
-        with pytest.raises(ValueError, match="image must be uint8"):
-            encode_png(image)

@@ -19,14 +19,14 @@ FORWARD, BACKWARD, LEFT, RIGHT, FORWARD_LEFT, FORWARD_RIGHT = range(6)
 
 @pytest.fixture(scope="module")
 def track() -> Iterator[MazeGame]:
-    game = MazeGame(TRACK, objects=True)
+    game = MazeGame(TRACK, inspect=True)
     yield game
     game.close()
 
 
 @pytest.fixture(scope="module")
 def hall() -> Iterator[MazeGame]:
-    game = MazeGame(HALL, objects=True)
+    game = MazeGame(HALL, inspect=True)
     yield game
     game.close()
 

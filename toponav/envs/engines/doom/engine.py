@@ -9,7 +9,7 @@ import os
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toponav.envs.engines.doom import instances
-from toponav.envs.engines.doom.level.probe import check_wad, missing_engine
+from toponav.envs.engines.doom.level.wad_cache import check_wad
 from toponav.envs.engines.doom.spec import TICS_PER_DECISION, WORLD
 from toponav.envs.errors import EngineError, EngineLostError
 
@@ -34,6 +34,11 @@ _FIXED_POINT = 65536
 _START_SECONDS = 120.0
 # An engine whose process is not seen for so long is not going to start.
 _SECONDS_WITHOUT_PROCESS = 5.0
+_REMEDY = (
+    "pip has wheels of 'vizdoom' for Linux (x86-64 and ARM with glibc), macOS on "
+    "Apple silicon and Windows on x86-64, for Python 3.10 to 3.14; elsewhere build "
+    "it from source (https://vizdoom.farama.org) or use one of these systems"
+)
 _first_start = threading.Lock()
 # Two forks at once can hang: before each, OpenBLAS (in SciPy and NumPy) ends its own
 # threads, and of two that wait for the same thread to end one may never return.
@@ -43,36 +48,23 @@ _forking = threading.Lock()
 class Engine:
     """Runs one map of one WAD in a process of its own, without a window.
 
-    Args:
-        wad: the compiled maze.
-        map_name: its map's lump name.
-        depth_buffer: also keep the engine's own depth picture (for tests).
-        objects: also keep a list of all things in the map (for tests).
-
-    Raises:
-        EngineError: if the engine is not installed or cannot load the map.
+    An ``EngineError`` if the engine is not installed or cannot load the map; tests that
+    ``inspect`` it also get its own depth and a list of all things.
     """
 
-    def __init__(
-        self,
-        wad: Path,
-        map_name: str,
-        *,
-        depth_buffer: bool = False,
-        objects: bool = False,
-    ) -> None:
+    def __init__(self, wad: Path, map_name: str, *, inspect: bool = False) -> None:
         self._wad = wad
         self._map_name = map_name
-        self._buffers = {
-            "depth_buffer_enabled": depth_buffer,
-            "objects_info_enabled": objects,
-        }
+        self._inspect = inspect
         self._game: vizdoom.DoomGame | None = None
         self._start()
 
     def _start(self) -> None:
         if vizdoom is None:
-            raise missing_engine(_import_error)
+            raise EngineError(
+                "the ViZDoom engine must be installed, and it is not "
+                f"({_import_error}): {_REMEDY}"
+            )
         with _first_start:  # one probe, however many engines start at once
             instances.sweep()
             check_wad(self._wad, self._map_name)
@@ -80,8 +72,8 @@ class Engine:
         self._folder = instances.claim()
         self._end = weakref.finalize(self, instances.release, self._folder)
         game = _configure(self._wad, self._map_name, self._folder)
-        for buffer, is_kept in self._buffers.items():
-            getattr(game, f"set_{buffer}")(is_kept)
+        game.set_depth_buffer_enabled(self._inspect)
+        game.set_objects_info_enabled(self._inspect)
         try:
             _init(game, self._folder)
         except EngineError:
@@ -200,35 +192,29 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
         except Exception as error:
             failures.append(error)
 
-    def is_up() -> bool:
-        return not starter.is_alive()
-
-    def has_process() -> bool:
-        return instances.engine_pid(folder) is not None
+    def has_begun() -> bool:
+        deadline = time.monotonic() + _SECONDS_WITHOUT_PROCESS
+        while starter.is_alive() and instances.engine_pid(folder) is None:
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.01)
+        return True
 
     starter = threading.Thread(target=init, daemon=True, name="engine-start")
     with _forking:
         starter.start()
-        found = _comes_true(lambda: is_up() or has_process(), _SECONDS_WITHOUT_PROCESS)
+        found = has_begun()
     deadline = time.monotonic() + _START_SECONDS
-    while found and not is_up() and time.monotonic() < deadline:
+    while found and starter.is_alive() and time.monotonic() < deadline:
         starter.join(1.0)
-        found = _comes_true(lambda: is_up() or has_process(), _SECONDS_WITHOUT_PROCESS)
-    if not is_up():
+        found = has_begun()
+    if starter.is_alive():
         raise EngineError(
             f"the engine must start within {_START_SECONDS:g} s, and it did not: "
             "its process was ended from outside, or the machine is overloaded"
         )
     if failures:
         raise EngineError(f"the engine must start, got: {failures[0]}")
-
-
-def _comes_true(condition: Callable[[], bool], seconds: float) -> bool:
-    """Whether a condition came true in time; asks often."""
-    deadline = time.monotonic() + seconds
-    while not (holds := condition()) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return holds
 
 
 def _configure(wad: Path, map_name: str, folder: Path) -> "vizdoom.DoomGame":
@@ -249,9 +235,8 @@ def _configure(wad: Path, map_name: str, folder: Path) -> "vizdoom.DoomGame":
     ):
         getattr(game, f"set_render_{option}")(False)
     button, variable = vizdoom.Button, vizdoom.GameVariable
-    game.set_available_buttons(
-        [button.MOVE_FORWARD, button.MOVE_BACKWARD, button.TURN_LEFT_RIGHT_DELTA]
-    )
+    walk = (button.MOVE_FORWARD, button.MOVE_BACKWARD)
+    game.set_available_buttons([*walk, button.TURN_LEFT_RIGHT_DELTA])
     pose = (variable.POSITION_X, variable.POSITION_Y, variable.ANGLE)
     game.set_available_game_variables([*pose, variable.USER1, variable.USER2])
     game.set_episode_start_time(_FROZEN_TICS)

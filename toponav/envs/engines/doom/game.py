@@ -38,7 +38,7 @@ def prepare(layout: Layout, look: Look) -> None:
 class MazeGame:
     """Plays episodes of one maze on ViZDoom; see `toponav.envs.game.Game`.
 
-    The arguments are the maze, how it is decorated, and those of ``Engine`` for tests.
+    ``inspect`` is that of ``Engine``.
     """
 
     pixels: NDArray[np.uint8]
@@ -50,14 +50,11 @@ class MazeGame:
         layout: Layout,
         look: Look = Look(),  # noqa: B008 (immutable)
         *,
-        depth_buffer: bool = False,
-        objects: bool = False,
+        inspect: bool = False,
     ) -> None:
         self.layout = layout
         maze = compile_maze(layout, look)
-        self.engine = Engine(
-            wad_file(maze), maze.map_name, depth_buffer=depth_buffer, objects=objects
-        )
+        self.engine = Engine(wad_file(maze), maze.map_name, inspect=inspect)
         self.reward = 0.0
         self.respawned = False
         self.closed: set[str] = set()
@@ -68,10 +65,9 @@ class MazeGame:
         """Start an episode; an ``EngineError`` if the agent does not stand there."""
         self.scene = scene
         self.engine.new_episode()
-        self.closed = set(scene.blocked)
-        self._to_close = set()
+        self.closed, self._to_close = set(scene.blocked), set()
         for letter in scene.blocked:
-            self.engine.run_script(acs.CLOSE_SLOT, slot_tag(self.layout, letter))
+            self._move_slot(acs.CLOSE_SLOT, letter)
         for number, (x, y) in enumerate(scene.apples):
             apple = (fixed(x), fixed(y), acs.APPLE_TID + number)
             self.engine.run_script(acs.SPAWN_APPLE, *apple)
@@ -110,12 +106,7 @@ class MazeGame:
         self._apples, self._goals = apples, goals
 
     def set_slot(self, letter: str, *, closed: bool) -> None:
-        """Close or open a slot; takes effect with the next decision.
-
-        A slot closes only when the agent is clear of its cell: a rising floor would
-        lift the agent over the walls.
-        """
-        if closed:
+        if closed:  # later: a rising floor would lift the agent over the walls
             self.layout.check_slots({*self.closed, *self._to_close, letter})
             if letter not in self.closed:
                 self._to_close.add(letter)
@@ -124,7 +115,7 @@ class MazeGame:
         self._to_close.discard(letter)
         if letter in self.closed:
             self.closed.remove(letter)
-            self.engine.run_script(acs.OPEN_SLOT, slot_tag(self.layout, letter))
+            self._move_slot(acs.OPEN_SLOT, letter)
 
     @property
     def pid(self) -> int:
@@ -153,7 +144,10 @@ class MazeGame:
             if max(abs(self.pose.x - x), abs(self.pose.y - y)) >= reach:
                 self._to_close.remove(letter)
                 self.closed.add(letter)
-                self.engine.run_script(acs.CLOSE_SLOT, slot_tag(self.layout, letter))
+                self._move_slot(acs.CLOSE_SLOT, letter)
+
+    def _move_slot(self, script: int, letter: str) -> None:
+        self.engine.run_script(script, slot_tag(self.layout, letter))
 
 
 def _script_pose(pose: Pose) -> tuple[int, int, int]:

@@ -2,18 +2,16 @@
 
 An engine is a process of its own. It ends with its ``DoomGame``, but not when a signal
 kills Python: then it keeps running, with three files in shared memory. So each engine
-has a private folder that names its owner. The next start sweeps the folders of dead
-owners; SIGTERM ends the engines first.
+has a private folder whose name says who owns it: ``<pid>-<start time>-<random>``. The
+next start sweeps the folders of dead owners; SIGTERM ends the engines first.
 """
 
 import atexit
-import json
 import os
 import shutil
 import signal
 import tempfile
 import threading
-import time
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -26,17 +24,9 @@ import psutil
 _INI = "".join(
     f"[{game}.AutoExec]\n" for game in ("Doom", "Heretic", "Hexen", "Strife", "Chex")
 )
-_OWNER_FILE = "owner.json"
-# A folder is made under a name that begins so; if it keeps it, its maker was killed.
-_HALF_MADE = ".new-"
-_HALF_MADE_SECONDS = 600.0
 #: Where the engines keep their shared memory (Linux).
 SHARED_MEMORY = Path("/dev/shm")
 _SHARED_MEMORY_PREFIXES = ("ViZDoomSM", "ViZDoomMQCtr", "ViZDoomMQDoom")
-
-_mine: set[Path] = set()
-# Reentrant: the SIGTERM handler may interrupt whoever holds it.
-_lock = threading.RLock()
 
 
 def registry() -> Path:
@@ -46,21 +36,15 @@ def registry() -> Path:
     # the temporary folder), so each namespace has a registry of its own.
     namespace = Path("/proc/self/ns/pid")
     mark = namespace.stat().st_ino if namespace.exists() else 0
-    return Path(tempfile.gettempdir()) / f"toponav-{user}" / f"engines-{mark}"
+    return Path(tempfile.gettempdir()) / f"toponav-{user}" / f"vizdoom-{mark}"
 
 
 def claim() -> Path:
     """Make a private folder for one engine, owned by this process."""
-    parent = registry()
+    parent, pid = registry(), os.getpid()
     parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    # Written under another name first: a sweep must never see it half made.
-    folder = Path(tempfile.mkdtemp(prefix=_HALF_MADE, dir=parent))
-    owner = {"pid": os.getpid(), "started": _started(os.getpid())}
-    (folder / _OWNER_FILE).write_text(json.dumps(owner))
+    folder = Path(tempfile.mkdtemp(prefix=f"{pid}-{_started(pid)}-", dir=parent))
     ini_path(folder).write_text(_INI)
-    folder = folder.rename(parent / folder.name.removeprefix(_HALF_MADE))
-    with _lock:
-        _mine.add(folder)
     return folder
 
 
@@ -75,22 +59,14 @@ def note_instance(folder: Path, instance_id: str) -> None:
 
 
 def release(folder: Path) -> None:
-    """End an engine and remove all it left, if this process (still) owns the folder.
-
-    A forked child must not end its parent's engines.
-    """
-    with _lock:
-        if folder not in _mine:
-            return
-        _mine.discard(folder)
-    _reap(folder)
+    """End an engine and remove all it left, unless this is a fork of its owner."""
+    if folder.name.startswith(f"{os.getpid()}-"):
+        _reap(folder)
 
 
 def sweep() -> int:
     """Remove what engines of dead owners left; returns the number of folders."""
-    parent = registry()
-    folders = parent.iterdir() if parent.is_dir() else ()
-    dead = [folder for folder in folders if not _is_in_use(folder)]
+    dead = [folder for folder in registry().glob("*") if not _has_owner(folder)]
     for folder in dead:
         _reap(folder)
     return len(dead)
@@ -115,28 +91,16 @@ def _on_sigterm(number: int, _frame: FrameType | None) -> None:
 
 @atexit.register
 def _release_all() -> None:
-    for folder in list(_mine):
+    for folder in registry().glob("*"):
         release(folder)
 
 
-def _forget_parents_engines() -> None:
-    global _lock
-    _mine.clear()
-    # Another thread of the parent may have held it, and it does not exist here.
-    _lock = threading.RLock()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_parents_engines)
-
-
-def _is_in_use(folder: Path) -> bool:
+def _has_owner(folder: Path) -> bool:
+    """Whether the process that claimed a folder still runs."""
     try:
-        if folder.name.startswith(_HALF_MADE):
-            return time.time() - folder.stat().st_mtime < _HALF_MADE_SECONDS
-        owner = json.loads((folder / _OWNER_FILE).read_text())
-        return bool(_started(owner["pid"]) == owner["started"])
-    except (OSError, ValueError, KeyError, TypeError, psutil.NoSuchProcess):
+        pid, started, _ = folder.name.split("-")
+        return _started(int(pid)) == started
+    except (OSError, ValueError, psutil.Error):
         return False
 
 

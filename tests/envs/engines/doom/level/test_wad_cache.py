@@ -8,11 +8,7 @@ import pytest
 
 from tests.envs.layouts import HALL, LANE
 from toponav.envs.engines.doom.level.compile import compile_maze
-from toponav.envs.engines.doom.level.wad_cache import (
-    cache_folder,
-    wad_file,
-    write_atomically,
-)
+from toponav.envs.engines.doom.level.wad_cache import cache_folder, wad_file
 
 
 @pytest.fixture
@@ -61,11 +57,3 @@ def test_without_a_cache_folder_a_temporary_one_serves(
     folder = cache_folder()
     assert folder.is_dir()
     assert folder.is_relative_to(tmp_path)
-
-
-def test_a_replaced_file_is_old_or_new(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    write_atomically(path, b"old")
-    write_atomically(path, b"new")
-    assert path.read_bytes() == b"new"
-    assert list(tmp_path.iterdir()) == [path]

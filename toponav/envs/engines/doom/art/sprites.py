@@ -14,17 +14,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from toponav.envs.engines.doom.art.palette import (
-    BLACK,
-    PALETTE,
-    WHITE,
-    Bytes,
-    colour_index,
-)
+from toponav.envs.engines.doom.art.palette import BLACK, PALETTE, WHITE, colour_index
 
 #: Coordinates or a gauge, one number per pixel.
 Plane: TypeAlias = NDArray[np.floating]
 Shape: TypeAlias = Callable[[Plane, Plane], Plane]
+Sprite: TypeAlias = NDArray[np.uint8]
 
 
 def turned(x: Plane, y: Plane, angle: float) -> tuple[Plane, Plane]:
@@ -39,23 +34,9 @@ def radius(x: Plane, y: Plane) -> Plane:
     return distance
 
 
-def _ring(x: Plane, y: Plane) -> Plane:
-    gauge: Plane = np.abs(radius(x, y) - 0.72) / 0.28
-    return gauge
-
-
-def _crescent(x: Plane, y: Plane) -> Plane:
-    bite: Plane = 1.75 - radius(x - 0.55, y)
-    return np.maximum(radius(x, y), bite)
-
-
-def _cross(x: Plane, y: Plane) -> Plane:
-    x, y = np.abs(x), np.abs(y)
-    return np.maximum(np.minimum(x, y) / 0.34, np.maximum(x, y))
-
-
-def _bar(x: Plane, y: Plane) -> Plane:
-    return np.maximum(np.abs(x) / 1.5, np.abs(y) / 0.32)
+def square(x: Plane, y: Plane) -> Plane:
+    """The gauge of a square."""
+    return np.maximum(np.abs(x), np.abs(y))
 
 
 def _star(x: Plane, y: Plane, tips: int, dent: float) -> Plane:
@@ -73,10 +54,12 @@ def _star(x: Plane, y: Plane, tips: int, dent: float) -> Plane:
 #: Shapes of radius about 1 that stay distinct at a few pixels.
 SHAPES: tuple[Shape, ...] = (
     radius,
-    _ring,
-    _crescent,
-    _cross,
-    _bar,
+    # A ring, and a crescent.
+    lambda x, y: np.abs(radius(x, y) - 0.72) / 0.28,
+    lambda x, y: np.maximum(radius(x, y), 1.75 - radius(x - 0.55, y)),
+    # A cross, and a bar.
+    lambda x, y: np.maximum(np.minimum(np.abs(x), np.abs(y)) / 0.34, square(x, y)),
+    lambda x, y: square(x / 1.5, y / 0.32),
     partial(_star, tips=3, dent=0.5),
     partial(_star, tips=4, dent=0.707),
     partial(_star, tips=5, dent=0.42),
@@ -90,7 +73,7 @@ def _plane(height: int, width: int) -> tuple[Plane, Plane]:
     return x - (width - 1) / 2, y - (height - 1) / 2
 
 
-def _cut_out(index: NDArray[np.int64], solid: NDArray[np.bool_]) -> Bytes:
+def _cut_out(index: NDArray[np.int64], solid: NDArray[np.bool_]) -> Sprite:
     """Make RGBA of palette indices; what is not solid is transparent black."""
     rgba = np.zeros((*index.shape, 4), dtype=np.uint8)
     rgba[solid, :3] = PALETTE[index[solid]]
@@ -98,7 +81,7 @@ def _cut_out(index: NDArray[np.int64], solid: NDArray[np.bool_]) -> Bytes:
     return rgba
 
 
-def apple() -> Bytes:
+def apple() -> Sprite:
     """A red disc with a black rim, a leaf and a glint: RGBA, uint8 ``[28, 24, 4]``."""
     x, y = _plane(28, 24)
     # Two lobes, so that the top is notched.
@@ -118,7 +101,7 @@ def apple() -> Bytes:
     return _cut_out(index, (body < 1) | stem | (leaf < 1))
 
 
-def goal() -> Bytes:
+def goal() -> Sprite:
     """A golden star with a white heart on a post: RGBA, uint8 ``[48, 40, 4]``."""
     x, y = _plane(48, 40)
     gold, amber = colour_index(0.15, 2, 3), colour_index(0.1, 2, 3)

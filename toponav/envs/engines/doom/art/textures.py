@@ -1,9 +1,10 @@
-"""Wall, floor, painting, sky and door pictures, drawn in palette colours.
+"""Wall, floor, painting, mark, sky and door pictures, in palette indices.
 
 All are seen in small views from up to a dozen cells away, so they are made of few, big,
 flat shapes: no fine grain survives the distance. Style and hue of walls and floors say
-which region of the maze this is, a painting says which cell. All pictures are RGB,
-uint8; a generator draws what varies.
+which region of the maze this is, a painting says which cell. From less than a quarter
+of a cell a view shows a small patch of one wall, and the walls of a region share one
+pattern: marks make such views differ too. A generator draws what varies.
 """
 
 import math
@@ -13,14 +14,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from toponav.envs.engines.doom.art.palette import (
-    BLACK,
-    PALETTE,
-    WHITE,
-    Bytes,
-    colour_index,
+from toponav.envs.engines.doom.art.palette import BLACK, WHITE, Picture, colour_index
+from toponav.envs.engines.doom.art.sprites import (
+    SHAPES,
+    Plane,
+    radius,
+    square,
+    turned,
 )
-from toponav.envs.engines.doom.art.sprites import SHAPES, Plane, radius, turned
 
 #: Width and height of a wall or floor in pixels.
 SIZE = 128
@@ -32,6 +33,15 @@ _Y, _X = np.indices((SIZE, SIZE))
 #: (saturation, value) of each level that a pattern may hold, dark to light.
 _WALL_SHADES = ((2, 0), (2, 1), (1, 2), (1, 3), (0, 3))
 _FLOOR_SHADES = ((1, 0), (0, 1), (1, 1), (0, 2), (1, 2))
+
+# Marks across and up; their distance is less than the patch that a close view shows.
+_COLUMNS, _ROWS = 5, 5
+# Half their size, in pixels, smallest and largest.
+_SMALLEST, _LARGEST = 6.0, 11.0
+# Half a window that holds the largest, whatever its shape and turn.
+_REACH = 18
+# Largest distance of their hues from the wall's, in turns: from afar they melt into it.
+_HUE_SPREAD = 0.15
 
 
 def _bricks(rng: np.random.Generator) -> Levels:
@@ -119,40 +129,25 @@ _FLOORS: tuple[Pattern, ...] = (_tiles, _boards, _diamonds, _stone, _weave, _dot
 NUM_STYLES = len(_WALLS)
 
 
-def _picture(index: Levels) -> Bytes:
-    rgb: Bytes = PALETTE[index]
-    return rgb
+def _shade(levels: Levels, hue: float, shades: tuple[tuple[int, int], ...]) -> Picture:
+    colours = np.array([colour_index(hue, *shade) for shade in shades], np.uint8)
+    return colours[levels]
 
 
-def _shade(levels: Levels, hue: float, shades: tuple[tuple[int, int], ...]) -> Bytes:
-    return _picture(np.array([colour_index(hue, *shade) for shade in shades])[levels])
-
-
-def _pattern(
-    patterns: tuple[Pattern, ...], style: int, rng: np.random.Generator
-) -> Levels:
-    if not 0 <= style < len(patterns):
-        raise ValueError(f"style must be in [0, {len(patterns)}), got {style}")
-    return patterns[style](rng)
-
-
-def wall(style: int, hue: float, rng: np.random.Generator) -> Bytes:
-    """A bright pattern between a dark skirting and a dark cornice, ``[128, 128, 3]``.
-
-    The hue is the region's, in turns: 0 is red, 1/3 green, 2/3 blue.
-    """
-    levels = _pattern(_WALLS, style, rng)
+def wall(style: int, hue: float, rng: np.random.Generator) -> Picture:
+    """A bright pattern between a dark skirting and a dark cornice, ``[128, 128]``."""
+    levels = _WALLS[style](rng)
     levels[:5] = levels[-8:] = 0
     return _shade(levels, hue, _WALL_SHADES)
 
 
-def floor(style: int, hue: float, rng: np.random.Generator) -> Bytes:
-    """A floor, duller than any wall so that the two never merge, ``[128, 128, 3]``."""
-    return _shade(_pattern(_FLOORS, style, rng), hue, _FLOOR_SHADES)
+def floor(style: int, hue: float, rng: np.random.Generator) -> Picture:
+    """A floor, duller than any wall so that the two never merge, ``[128, 128]``."""
+    return _shade(_FLOORS[style](rng), hue, _FLOOR_SHADES)
 
 
-def sky(rng: np.random.Generator) -> Bytes:
-    """A sky with clouds everywhere, so that none is a landmark, ``[128, 256, 3]``."""
+def sky(rng: np.random.Generator) -> Picture:
+    """A sky with clouds everywhere, so that none is a landmark, ``[128, 256]``."""
     shape = (SIZE, 2 * SIZE)
     # Noise with only long waves, longer across than up: flat, periodic clouds.
     up, across = np.ogrid[-SIZE // 2 : SIZE // 2, : SIZE + 1]
@@ -160,19 +155,20 @@ def sky(rng: np.random.Generator) -> Bytes:
     noise = np.fft.rfft2(rng.standard_normal(shape))
     density = np.fft.irfft2(noise * np.exp(-waves * waves) * (waves > 0.4), s=shape)
     level = np.digitize(density / density.std(), [0.4, 0.8, 1.3])
-    blue = np.array([colour_index(0.6, 1, 3), colour_index(0.6, 0, 3), 14, WHITE])
-    return _picture(blue[level])
+    blues = [colour_index(0.6, 1, 3), colour_index(0.6, 0, 3), 14, WHITE]
+    picture: Picture = np.array(blues, np.uint8)[level]
+    return picture
 
 
-def door() -> Bytes:
-    """A closed slot: red boards behind yellow and black tape, ``[128, 128, 3]``."""
+def door() -> Picture:
+    """A closed slot: red boards behind yellow and black tape, ``[128, 128]``."""
     index = np.where(_X % 32 < 3, colour_index(0.0, 2, 0), colour_index(0.05, 2, 2))
     index[_X % 32 // 3 == 1] = colour_index(0.05, 2, 3)
     rim = np.minimum(np.minimum(_X, SIZE - 1 - _X), np.minimum(_Y, SIZE - 1 - _Y)) < 6
     index[rim] = colour_index(0.0, 2, 0)
     tape = np.where((_X + _Y) % 32 < 16, colour_index(0.15, 2, 3), BLACK)
     band = (np.abs(_Y - 36) < 14) | (np.abs(_Y - 92) < 14)
-    return _picture(np.where(band, tape, index))
+    return np.where(band, tape, index).astype(np.uint8)
 
 
 #: Ways to split a canvas of [-1, 1] squared in two tones.
@@ -186,7 +182,7 @@ _BACKDROPS: tuple[Callable[[Plane, Plane], NDArray[np.bool_]], ...] = (
 )
 #: Outlines of a painting: below 1 inside.
 _FORMATS: tuple[Callable[[Plane, Plane], Plane], ...] = (
-    lambda u, v: np.maximum(abs(u), abs(v)),
+    square,
     radius,
     lambda u, v: (abs(u) + abs(v)) / 1.1,
 )
@@ -212,11 +208,11 @@ def _shapes(
         canvas[SHAPES[inner](2.4 * u, 2.4 * v) < 1.0] = colour_index(tone + 0.5, 1, 3)
 
 
-def painting(background: Bytes, rng: np.random.Generator) -> Bytes:
-    """Hang a framed picture of random bright shapes on a wall, ``[128, 128, 3]``.
+def painting(background: Picture, rng: np.random.Generator) -> Picture:
+    """Hang a framed picture of random bright shapes on a wall, ``[128, 128]``.
 
-    Everything about it is drawn, so that hardly two paintings of a maze look alike even
-    as thumbnails: they distinguish the cells of one region.
+    Hardly two of a maze look alike even as thumbnails: they tell cells of a region
+    apart.
     """
     # The middle hangs a little above the eye, which is 48 units off the floor.
     x, y = (_X - 63.5).astype(np.float32), (_Y - 59.5).astype(np.float32)
@@ -231,4 +227,23 @@ def painting(background: Bytes, rng: np.random.Generator) -> Bytes:
     frame = rng.choice((vivid, BLACK, WHITE), p=(0.5, 0.25, 0.25))
     canvas[edge > 0.86] = frame
     canvas[(edge > 0.84) & (edge < 0.88) | (edge > 0.98)] = BLACK
-    return np.where(edge[..., None] < 1.02, _picture(canvas), background)
+    return np.where(edge < 1.02, canvas, background).astype(np.uint8)
+
+
+def marked(background: Picture, hue: float, rng: np.random.Generator) -> Picture:
+    """Scatter small random shapes over a copy of a wall, near its hue (in turns)."""
+    picture = background.copy()
+    height, width = background.shape
+    for row, column in np.ndindex(_ROWS, _COLUMNS):
+        x = (column + rng.uniform(0.3, 0.7)) * width / _COLUMNS
+        y = (row + rng.uniform(0.3, 0.7)) * height / _ROWS
+        size = rng.uniform(_SMALLEST, _LARGEST)
+        tone = (hue + rng.uniform(-_HUE_SPREAD, _HUE_SPREAD)) % 1.0
+        colour = colour_index(tone, int(rng.integers(3)), int(rng.integers(1, 4)))
+        left, top = max(int(x - _REACH), 0), max(int(y - _REACH), 0)
+        patch = picture[top : int(y + _REACH), left : int(x + _REACH)]
+        v, u = np.indices(patch.shape, dtype=np.float32)
+        u, v = (u + left - x) / size, (v + top - y) / size
+        shape = SHAPES[rng.integers(len(SHAPES))]
+        patch[shape(*turned(u, v, rng.uniform(0, 2 * np.pi))) < 1.0] = colour
+    return picture

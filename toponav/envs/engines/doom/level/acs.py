@@ -7,6 +7,7 @@ variable n is read in Python as ``GameVariable.USERn``.
 """
 
 import struct
+from collections.abc import Iterable, Sequence
 from itertools import accumulate
 
 from toponav.envs.engines.doom.spec import ROOM_HEIGHT
@@ -34,7 +35,7 @@ _PUSH_NUMBER = 3
 _SPECIAL_OF_1 = 4
 _SPECIAL_OF_3 = 6
 _ASSIGN_MAP = 26
-_PUSH_SCRIPT = 28
+_PUSH_ARGUMENT = 28
 _PUSH_MAP = 29
 _DROP = 54
 _INC_GLOBAL = 188
@@ -61,35 +62,34 @@ def _push(*values: int) -> _Code:
     return [word for value in values for word in (_PUSH_NUMBER, value)]
 
 
-def _arguments(count: int) -> list[_Code]:
-    return [[_PUSH_SCRIPT, index] for index in range(count)]
+def _load(opcode: int, indices: Iterable[int]) -> list[_Code]:
+    """Push arguments of the script, or map variables, one each."""
+    return [[opcode, index] for index in indices]
 
 
-def _loaded(variables: tuple[int, ...]) -> list[_Code]:
-    return [[_PUSH_MAP, index] for index in variables]
-
-
-def _store(variables: tuple[int, ...]) -> _Code:
+def _store(variables: Sequence[int]) -> _Code:
     """Keep the script's arguments in map variables."""
-    pairs = zip(_arguments(len(variables)), variables, strict=True)
-    return [word for value, index in pairs for word in (*value, _ASSIGN_MAP, index)]
+    return [
+        word
+        for argument, variable in enumerate(variables)
+        for word in (_PUSH_ARGUMENT, argument, _ASSIGN_MAP, variable)
+    ]
 
 
 def _move_player(x: _Code, y: _Code, angle: _Code) -> _Code:
-    """Put the activator at a pose and stop it."""
-    activator, ground, no_fog, replace = _push(0), _push(0), _push(0), _push(0, 0)
+    """Put the activator (0) at a pose on the ground without fog and stop it."""
     return [
-        *(*activator, *x, *y, *ground, *no_fog, _SET_ACTOR_POSITION, _DROP),
-        *(*activator, *angle, _SET_ACTOR_ANGLE),
-        *(*activator, *_push(0, 0, 0), *replace),
-        *(_CALL_FUNCTION, 6, _FUNCTION_SET_VELOCITY, _DROP),
+        *(*_push(0), *x, *y, *_push(0, 0), _SET_ACTOR_POSITION, _DROP),
+        *(*_push(0), *angle, _SET_ACTOR_ANGLE),
+        # The activator, no velocity, in place of the old one.
+        *(*_push(0, 0, 0, 0, 0, 0), _CALL_FUNCTION, 6, _FUNCTION_SET_VELOCITY, _DROP),
     ]
 
 
 def _spawn(name: str, x: _Code, y: _Code, tid: _Code) -> _Code:
-    kind, ground, east = _push(_STRINGS.index(name)), _push(0), _push(0)
+    """Put a thing on the ground, facing east."""
     return [
-        *(*kind, *x, *y, *ground, *tid, *east),
+        *(*_push(_STRINGS.index(name)), *x, *y, *_push(0), *tid, *_push(0)),
         *(_CALL_FUNCTION, 6, _FUNCTION_SPAWN_FORCED, _DROP),
     ]
 
@@ -97,22 +97,24 @@ def _spawn(name: str, x: _Code, y: _Code, tid: _Code) -> _Code:
 def _move_floor(special: int) -> _Code:
     """Move the floor of the slot whose tag is the argument by the room's height."""
     # The floor specials count heights in steps of eight map units.
-    return [*_arguments(1)[0], *_push(0, ROOM_HEIGHT // 8), _SPECIAL_OF_3, special]
+    height = ROOM_HEIGHT // 8
+    return [_PUSH_ARGUMENT, 0, *_push(0, height), _SPECIAL_OF_3, special]
 
 
 def _scripts() -> dict[int, tuple[int, _Code]]:
     """Argument count and code of each script."""
-    respawn = _move_player(*_loaded(_RESPAWN_X_Y_ANGLE))
-    goal_x, goal_y = _loaded(_GOAL_X_Y)
+    pose = _load(_PUSH_ARGUMENT, range(3))
+    respawn = _move_player(*_load(_PUSH_MAP, _RESPAWN_X_Y_ANGLE))
+    goal_x, goal_y = _load(_PUSH_MAP, _GOAL_X_Y)
     spawn_goal = _spawn("MazeGoal", goal_x, goal_y, _push(GOAL_TID))
     return {
-        PLACE_PLAYER: (3, _move_player(*_arguments(3))),
+        PLACE_PLAYER: (3, _move_player(*pose)),
         APPLE_TOUCHED: (0, [_INC_GLOBAL, 1]),
         # The engine removes a thing that is picked up, so the goal is spawned again.
         GOAL_TOUCHED: (0, [_INC_GLOBAL, 2, *respawn, *spawn_goal]),
         SET_RESPAWN: (3, _store(_RESPAWN_X_Y_ANGLE)),
-        SPAWN_APPLE: (3, _spawn("MazeApple", *_arguments(3))),
-        REMOVE_THING: (1, [*_arguments(1)[0], _SPECIAL_OF_1, _THING_REMOVE]),
+        SPAWN_APPLE: (3, _spawn("MazeApple", *pose)),
+        REMOVE_THING: (1, [_PUSH_ARGUMENT, 0, _SPECIAL_OF_1, _THING_REMOVE]),
         CLOSE_SLOT: (1, _move_floor(_FLOOR_RAISE_INSTANT)),
         OPEN_SLOT: (1, _move_floor(_FLOOR_LOWER_INSTANT)),
         SPAWN_GOAL: (2, [*_store(_GOAL_X_Y), *spawn_goal]),

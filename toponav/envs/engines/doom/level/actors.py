@@ -56,11 +56,8 @@ ACTOR {name} : CustomInventory
 
 def decorate() -> str:
     """The ``DECORATE`` lump: player, apple, goal."""
-    return (
-        _PLAYER
-        + _pickup("MazeApple", APPLE_SPRITE, acs.APPLE_TOUCHED)
-        + _pickup("MazeGoal", GOAL_SPRITE, acs.GOAL_TOUCHED)
-    )
+    apple = _pickup("MazeApple", APPLE_SPRITE, acs.APPLE_TOUCHED)
+    return _PLAYER + apple + _pickup("MazeGoal", GOAL_SPRITE, acs.GOAL_TOUCHED)
 
 
 def zmapinfo(map_name: str) -> str:

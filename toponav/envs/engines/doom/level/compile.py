@@ -4,14 +4,16 @@ import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
 
+import networkx as nx
 import numpy as np
-from numpy.typing import NDArray
 
 from toponav.envs.engines.doom.art import sprites, textures
-from toponav.envs.engines.doom.art.marks import marked
-from toponav.envs.engines.doom.art.palette import colormap, playpal
-from toponav.envs.engines.doom.art.png import encode_png
-from toponav.envs.engines.doom.art.regions import assign_regions
+from toponav.envs.engines.doom.art.palette import (
+    Picture,
+    colormap,
+    encode_png,
+    playpal,
+)
 from toponav.envs.engines.doom.level import acs
 from toponav.envs.engines.doom.level.actors import (
     APPLE_SPRITE,
@@ -20,32 +22,23 @@ from toponav.envs.engines.doom.level.actors import (
     decorate,
     zmapinfo,
 )
-from toponav.envs.engines.doom.level.udmf import (
-    Edge,
-    Surfaces,
-    textmap,
-    wall_edges,
-)
+from toponav.envs.engines.doom.level.udmf import Edge, Surfaces, textmap, wall_edges
 from toponav.envs.engines.doom.level.wad import build_wad
 from toponav.envs.game import Look
-from toponav.envs.layout import Layout
+from toponav.envs.layout import Cell, Layout
 
 _DOOR = "MZDOOR"
 # More paintings or marked walls than this are reused, which keeps large mazes small.
 _MOST_PAINTINGS = _MOST_MARKED = 256
+# About this many cells look alike; more would leave long corridors without landmarks.
+_CELLS_PER_REGION = 9
 # Neighbouring regions get hues far apart: the golden ratio's fractions.
 _HUE_STEP = (5**0.5 - 1) / 2
-
-_Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class CompiledMaze:
-    """A WAD file's content, and the name of the map in it.
-
-    The name is derived from the content, so that the engine cannot take another file's
-    map for it.
-    """
+    """A WAD file's content, and the name of its map, which no other file's map has."""
 
     wad: bytes
     map_name: str
@@ -61,13 +54,7 @@ def compile_maze(
     layout: Layout,
     look: Look = Look(),  # noqa: B008 (immutable)
 ) -> CompiledMaze:
-    r"""Compile a layout; the same arguments give the same bytes.
-
-    Examples:
-        >>> maze = compile_maze(Layout("*****\n*   *\n*****", name="lane"))
-        >>> maze.map_name[:2], maze.wad[:4]
-        ('MZ', b'PWAD')
-    """
+    """Compile a layout; the same arguments give the same bytes."""
     generator = np.random.default_rng(look.texture_seed)
     images, surfaces = _decorate_surfaces(layout, look, generator)
     geometry = textmap(layout, surfaces)
@@ -79,9 +66,31 @@ def compile_maze(
     return CompiledMaze(build_wad(_lumps(map_name, geometry, art)), map_name)
 
 
+def assign_regions(
+    layout: Layout, generator: np.random.Generator
+) -> tuple[dict[Cell, int], int]:
+    """Region of every open cell, and the number of regions, all of similar size.
+
+    Random seed cells, kept apart by taking the farthest cell each time, collect the
+    cells that are nearest to them by geodesic distance.
+    """
+    graph = layout.graph()
+    num_regions = max(1, round(layout.num_cells / _CELLS_PER_REGION))
+    first = layout.cells[generator.integers(layout.num_cells)]
+    nearest = dict.fromkeys(layout.cells, 0)
+    distance = nx.single_source_shortest_path_length(graph, first)
+    for region in range(1, num_regions):
+        seed = max(layout.cells, key=distance.__getitem__)
+        closer = nx.single_source_shortest_path_length(graph, seed)
+        for cell, length in closer.items():
+            if length < distance[cell]:
+                nearest[cell], distance[cell] = region, length
+    return nearest, num_regions
+
+
 def _decorate_surfaces(
     layout: Layout, look: Look, generator: np.random.Generator
-) -> tuple[dict[str, _Image], Surfaces]:
+) -> tuple[dict[str, Picture], Surfaces]:
     """Draw all textures and say which wall edge and floor shows which."""
     regions, num_regions = assign_regions(layout, generator)
     styles = generator.permutation(max(num_regions, textures.NUM_STYLES))
@@ -106,7 +115,7 @@ def _decorate_surfaces(
         name = f"N{region:03X}{used[region] % most:02X}"
         used[region] += 1
         if name not in images:
-            images[name] = marked(images[walls[edge]], hues[region], generator)
+            images[name] = textures.marked(images[walls[edge]], hues[region], generator)
         walls[edge] = name
     for number, edge in enumerate(draw_edges(look.paintings)):
         name = f"MP{number % _MOST_PAINTINGS}"

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from toponav.envs.engines.doom.spec import CELL_SIZE, ROOM_HEIGHT
-from toponav.envs.layout import Layout
-from toponav.envs.layout_rules import Cell
+from toponav.envs.layout import Cell, Layout
 
 #: An edge of an open cell: the cell and the step to its neighbour.
 Edge = tuple[Cell, Cell]

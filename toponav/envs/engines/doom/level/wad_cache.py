@@ -1,12 +1,38 @@
-"""WAD files on disk: content-addressed, written once, checked before use."""
+"""WAD files on disk: kept by content, and tried before Python loads them.
 
+An engine that fails while it starts crashes Python, and one that looks for an unknown
+map never returns. So a child process loads each WAD first, once per content and engine
+version.
+"""
+
+import hashlib
 import os
+import subprocess
+import sys
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
 
 import platformdirs
 
+from toponav.envs.engines.doom import instances
 from toponav.envs.engines.doom.level.compile import CompiledMaze
+from toponav.envs.engines.doom.level.wad import lump_names
+from toponav.envs.errors import EngineError
+
+_SECONDS = 120.0
+_LOAD_ONCE = """
+import sys, vizdoom
+wad, map_name, ini = sys.argv[1:]
+game = vizdoom.DoomGame()
+game.set_doom_config_path(ini)
+game.set_doom_scenario_path(wad)
+game.set_doom_map(map_name)
+game.set_window_visible(False)
+game.init()
+game.advance_action(1)
+game.close()
+"""
 
 
 def cache_folder() -> Path:
@@ -31,13 +57,42 @@ def wad_file(maze: CompiledMaze) -> Path:
     """
     path = cache_folder() / f"{maze.digest}.wad"
     if not path.exists() or path.read_bytes() != maze.wad:
-        write_atomically(path, maze.wad)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(maze.wad)
+        os.replace(file.name, path)
     return path
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that nobody reads a part of it."""
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(content)
-    os.replace(name, path)
+def check_wad(wad: Path, map_name: str, *, seconds: float = _SECONDS) -> None:
+    """Raise an ``EngineError`` if the engine dies or hangs on this map of this WAD."""
+    content = wad.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    mark = cache_folder() / f"{digest}-{map_name}-{version('vizdoom')}.ok"
+    if mark.exists():
+        return
+    must = f"the engine must load {wad.name}"
+    if map_name not in lump_names(content):  # the engine would hang
+        raise EngineError(f"{must}, and it holds no map named '{map_name}'")
+    folder = instances.claim()
+    ini = str(instances.ini_path(folder))
+    try:
+        child = subprocess.run(
+            [sys.executable, "-P", "-c", _LOAD_ONCE, str(wad), map_name, ini],
+            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            timeout=seconds,
+            check=False,
+            cwd=folder,
+        )
+    except subprocess.TimeoutExpired:
+        raise EngineError(f"{must} within {seconds:g} s, and it hangs") from None
+    finally:
+        instances.release(folder)
+    if child.returncode != 0:
+        output = (child.stderr + child.stdout).decode(errors="replace").strip()
+        last = output.splitlines()[-1] if output else "nothing"
+        raise EngineError(
+            f"{must}, and it failed with exit status {child.returncode}; "
+            f"its last output: {last}"
+        )
+    mark.touch()
