@@ -53,7 +53,7 @@ def memory_growth(decisions: int, resets: int) -> list[dict[str, float]]:
     )
     rows = []
     try:
-        engines = [psutil.Process(pid) for pid in env.engine_pids]
+        engines = [psutil.Process(pid) for pid in env.games.pids]
         data = env.reset()
         steps = decisions // MAZES
         for step in range(1, steps + 1):

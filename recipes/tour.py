@@ -39,7 +39,7 @@ def main(settings: TourConfig, folder: Path) -> None:
     )
     try:
         first = env.reset()
-        scene, layout, motion = env.scenes[0], env.layout, env.world.motion
+        scene, layout, motion = env.games.scenes[0], env.layout, env.world.motion
         assert motion is not None  # a maze reports poses
         mask = torch.from_numpy(layout.open_mask)
         plan = FloorPlan(

@@ -5,7 +5,7 @@ from collections import deque
 from hypothesis import strategies as st
 
 from toponav.envs import Layout, LayoutError, make_random_layout
-from toponav.envs.layout_rules import Cell
+from toponav.envs.layout import Cell
 
 #: A room of 3 x 1 cells, one of 3 x 3 cells, and a ring with two slots.
 LANE = Layout("*****\n*   *\n*****", name="lane")

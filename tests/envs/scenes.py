@@ -19,12 +19,12 @@ def scene_at(
     seed: int = 0,
 ) -> Scene:
     """A scene that begins at a pose (x, y, heading); respawns are drawn by ``seed``."""
-    rules = SceneRules(goal=goal is not None, blocked=blocked)
+    cell = goal and layout.cell_of(*goal, CELL_SIZE)
+    rules = SceneRules(
+        goal=goal is not None, blocked=blocked, goal_cells=cell and (cell,)
+    )
     scene = draw_scene(layout, rules, np.random.default_rng(seed), cell_size=CELL_SIZE)
     scene.start = Pose(*pose)
     scene.apples = apples
     scene.goal = goal
-    scene.goal_cell = None if goal is None else layout.cell_of(*goal, CELL_SIZE)
-    taken = {scene.goal_cell, *layout.slots.values()}
-    scene._start_cells = [cell for cell in layout.cells if cell not in taken]
     return scene

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import signal
+import threading
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -169,19 +170,18 @@ class TestLosses:
 
 
 def test_a_failed_start_ends_the_engines_that_came_up(registered) -> None:
-    before, started = set(registered()), []
+    before, started, one_by_one = set(registered()), [], threading.Lock()
 
     def start(*arguments, **options) -> MazeGame:
-        if len(started) == 2:
-            raise EngineError("no third")
-        started.append(MazeGame(*arguments, **options))
-        return started[-1]
+        with one_by_one:
+            if len(started) == 2:
+                raise EngineError("no third")
+            started.append(MazeGame(*arguments, **options))
+            return started[-1]
 
     engine = replace(VIZDOOM, start=start)
     with pytest.raises(EngineError, match="no third"):
-        BatchedGames(
-            engine, GATE, 3, rules=SceneRules(), episode_length=5, num_threads=1
-        )
+        BatchedGames(engine, GATE, 3, rules=SceneRules(), episode_length=5)
     assert len(started) == 2
     assert set(registered()) == before
 

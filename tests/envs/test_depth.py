@@ -104,7 +104,7 @@ def test_a_picture_without_pixels_is_refused(size: tuple[int, int]) -> None:
 
 @pytest.fixture(scope="module")
 def maze1() -> Iterator[MazeGame]:
-    game = MazeGame(load_maze("maze1"), depth_buffer=True)
+    game = MazeGame(load_maze("maze1"), inspect=True)
     yield game
     game.close()
 

@@ -46,10 +46,10 @@ class TestEveryEngine:
         )
         try:
             data = env.reset()
-            starts = [scene.start for scene in env.scenes]
+            starts = [scene.start for scene in env.games.scenes]
             places = torch.cat([data[keys.POSITION], data[keys.HEADING]], -1)
             torch.testing.assert_close(places, torch.tensor(starts), atol=0.02, rtol=0)
-            goals = [scene.goal_cell for scene in env.scenes]
+            goals = [scene.goal_cell for scene in env.games.scenes]
             assert data[keys.GOAL_CELL].tolist() == [list(cell) for cell in goals]
         finally:
             env.close()

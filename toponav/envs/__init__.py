@@ -14,8 +14,11 @@ from toponav.envs.gym_env import (
     MazeGymEnv as MazeGymEnv,
     register_mazes as register_mazes,
 )
-from toponav.envs.layout import Layout as Layout, load_layout_file as load_layout_file
-from toponav.envs.layout_rules import LayoutError as LayoutError
+from toponav.envs.layout import (
+    Layout as Layout,
+    LayoutError as LayoutError,
+    load_layout_file as load_layout_file,
+)
 from toponav.envs.maze_env import DoomMazeEnv as DoomMazeEnv, MazeEnv as MazeEnv
 from toponav.envs.mazes import (
     MAZES as MAZES,

@@ -4,8 +4,8 @@ import os
 import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,24 +14,19 @@ from toponav.envs.errors import EngineError, EngineLostError
 from toponav.envs.game import Game, GameEngine, Look
 from toponav.envs.layout import Layout
 from toponav.envs.lockstep_thread_pool import LockstepThreadPool
-from toponav.envs.scene import Pose, Scene, SceneRules, draw_scene
+from toponav.envs.scene import Scene, SceneRules, draw_scene
 from toponav.envs.specs import episode_streams
 
 # Threads wait for engines, not for the processor: more than cores are of use.
 _MOST_THREADS = 8
 
 
-@dataclass
-class Snapshot:
-    """What all mazes show after a step or a reset; the arrays are the caller's.
+class Snapshot(NamedTuple):
+    """What all mazes show after a step or a reset; the arrays are the caller's."""
 
-    ``pixels`` is ``[E, H, W, 3]``, the others are ``[E]``; ``truncated``: the clock ran
-    out or the engine was lost.
-    """
-
-    pixels: NDArray[np.uint8]
-    reward: NDArray[np.float32]
-    truncated: NDArray[np.bool_]
+    pixels: NDArray[np.uint8]  # [E, H, W, 3]
+    reward: NDArray[np.float32]  # [E]
+    truncated: NDArray[np.bool_]  # [E]; the clock ran out or the engine was lost
 
 
 class BatchedGames:
@@ -49,7 +44,6 @@ class BatchedGames:
         rules: SceneRules,
         episode_length: int,
         look: Look = Look(),  # noqa: B008 (immutable)
-        num_threads: int | None = None,
     ) -> None:
         rules.check(layout)
         if episode_length < 1:
@@ -61,16 +55,13 @@ class BatchedGames:
         cell_size = engine.motion.cell_size
         self._draw_scene = partial(draw_scene, layout, rules, cell_size=cell_size)
         self._episode_length = episode_length
-        self._threads = LockstepThreadPool(
-            min(size, _MOST_THREADS) if num_threads is None else num_threads
-        )
+        self._threads = LockstepThreadPool(min(size, _MOST_THREADS))
         self._games: list[Game] = []
         self._scenes: dict[int, Scene] = {}
         self._lost = np.zeros(size, dtype=bool)
         self._decisions = np.zeros(size, dtype=np.int64)
         # Poses after the last decision and before it.
-        self._poses: list[Pose] = [Pose(0.0, 0.0, 0.0)] * size
-        self._moves_from: list[Pose] = list(self._poses)
+        self._poses, self._moves_from = np.zeros((2, size, 3))
         self._pixels = np.zeros((size, *engine.world.view_size, 3), dtype=np.uint8)
         self.seed(0)
 
@@ -116,19 +107,25 @@ class BatchedGames:
         reward = np.zeros(self.size, dtype=np.float32)
 
         def step_row(row: int) -> None:
-            reward[row] = self._step_row(row, actions[row])
+            game = self._games[row]
+            if not self._lost[row]:
+                try:
+                    game.step(actions[row])
+                    reward[row] = game.reward
+                except EngineLostError as error:
+                    self._lost[row] = True
+                    _warn(row, error)
+            moved = not (self._lost[row] or game.respawned)
+            self._moves_from[row] = self._poses[row] if moved else game.pose
+            self._poses[row] = game.pose
+            self._pixels[row] = game.pixels
 
         self._threads.run(step_row, rows)
         return self._snapshot(reward)
 
     def poses(self) -> NDArray[np.float64]:
         """Where the agents stand: x, y, heading, ``[E, 3]``."""
-        return np.array(self._poses)
-
-    def cells(self) -> NDArray[np.int64]:
-        """Row and column of the cells in which they stand, ``[E, 2]``."""
-        x, y, _ = self.poses().T
-        return self._layout.cells_of(x, y, self.engine.motion.cell_size)
+        return self._poses.copy()
 
     def moves(self) -> NDArray[np.float64]:
         """How the agents moved in the last decision, in their own frame, ``[E, 3]``.
@@ -136,9 +133,8 @@ class BatchedGames:
         Forward and left in map units, then the turn in degrees, counter-clockwise; zero
         after a reset or a respawn.
         """
-        before, after = np.array(self._moves_from), np.array(self._poses)
-        dx, dy, turned = (after - before).T
-        angle = np.deg2rad(before[:, 2])
+        dx, dy, turned = (self._poses - self._moves_from).T
+        angle = np.deg2rad(self._moves_from[:, 2])
         forward = dx * np.cos(angle) + dy * np.sin(angle)
         left = dy * np.cos(angle) - dx * np.sin(angle)
         return np.stack([forward, left, (turned + 180.0) % 360.0 - 180.0], axis=1)
@@ -149,14 +145,18 @@ class BatchedGames:
         closed = [[slot in game.closed for slot in slots] for game in self._games]
         return np.array(closed, dtype=bool).reshape(self.size, len(slots))
 
-    def goal_cells(self) -> NDArray[np.int64]:
-        """Row and column of the goals, ``[E, 2]``, -1 without one."""
-        cells = [scene.goal_cell or (-1, -1) for scene in self.scenes]
-        return np.array(cells, dtype=np.int64)
-
-    def respawned(self) -> NDArray[np.bool_]:
-        """Whether the goal was touched in the last decision, ``[E]``."""
-        return np.array([game.respawned for game in self._games])
+    def truth(self) -> dict[str, NDArray[np.generic]]:
+        """The entries under ``privileged`` in `toponav.keys`, ``[E, ...]``."""
+        x, y, _ = self._poses.T
+        goals = [scene.goal_cell or (-1, -1) for scene in self.scenes]
+        return {
+            "position": self._poses[:, :2].copy(),
+            "heading": self._poses[:, 2:].copy(),
+            "cell": self._layout.cells_of(x, y, self.engine.motion.cell_size),
+            "goal_cell": np.array(goals, dtype=np.int64),
+            "blocked": self.closed(),
+            "respawned": np.array([[game.respawned] for game in self._games]),
+        }
 
     def set_slot(
         self, letter: str, *, closed: bool, rows: Iterable[int] | None = None
@@ -192,44 +192,27 @@ class BatchedGames:
 
     def _snapshot(self, reward: NDArray[np.float32]) -> Snapshot:
         truncated = self._lost | (self._decisions >= self._episode_length)
-        return Snapshot(pixels=self._pixels, reward=reward, truncated=truncated)
+        return Snapshot(self._pixels, reward, truncated)
 
     def _reset_row(self, row: int) -> None:
         game = self._games[row]
         seed = int(self._streams[row].integers(2**63))
-
-        def begin() -> None:
-            # Drawn again on a second try, so that the episode is the same.
-            self._scenes[row] = self._draw_scene(np.random.default_rng(seed))
-            game.reset(self._scenes[row])
-
-        try:
-            if self._lost[row]:
-                game.restart()
-            begin()
-        except EngineLostError as error:
-            _warn(row, error)
-            game.restart()
-            begin()
+        for is_second_try in (False, True):
+            try:
+                if self._lost[row]:
+                    game.restart()
+                # Drawn again on a second try, so that the episode is the same.
+                self._scenes[row] = self._draw_scene(np.random.default_rng(seed))
+                game.reset(self._scenes[row])
+                break
+            except EngineLostError as error:
+                if is_second_try:
+                    raise
+                _warn(row, error)
+                self._lost[row] = True
         self._lost[row] = False
         self._poses[row] = self._moves_from[row] = game.pose
         self._pixels[row] = game.pixels
-
-    def _step_row(self, row: int, action: int) -> float:
-        game = self._games[row]
-        if not self._lost[row]:
-            try:
-                game.step(action)
-            except EngineLostError as error:
-                self._lost[row] = True
-                _warn(row, error)
-        self._pixels[row] = game.pixels
-        if self._lost[row]:
-            self._moves_from[row] = game.pose
-            return 0.0
-        self._moves_from[row] = game.pose if game.respawned else self._poses[row]
-        self._poses[row] = game.pose
-        return game.reward
 
 
 def _warn(row: int, error: EngineLostError) -> None:

@@ -30,11 +30,8 @@ class Look:
 class Camera:
     """The view's geometry, from which depth is computed.
 
-    Args:
-        eye_height: of the eye above the floor, in map units.
-        wall_height: of the walls above the floor, in map units.
-        tan_across: tangent of half the horizontal field of view.
-        tan_down: tangent of half the vertical one.
+    Heights are above the floor, in map units; ``tan_across`` and ``tan_down`` are the
+    tangents of half the horizontal and half the vertical field of view.
     """
 
     eye_height: float
@@ -87,10 +84,6 @@ class Game(Protocol):
         """End the engine; may be called twice."""
 
 
-def _nothing_to_prepare(layout: Layout, look: Look) -> None:
-    pass
-
-
 @dataclass(frozen=True, kw_only=True)
 class GameEngine:
     """An engine as environments see it; its room holds one as ``ENGINE``.
@@ -106,7 +99,7 @@ class GameEngine:
     world: WorldSpec
     camera: Camera
     start: Callable[[Layout, Look], Game]
-    prepare: Callable[[Layout, Look], None] = _nothing_to_prepare
+    prepare: Callable[[Layout, Look], None] = lambda layout, look: None
     end_strays: Callable[[], int] = int
 
     @property

@@ -28,9 +28,6 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
     it. `render_mode`: `"rgb_array"` or `None`. `**options`: those of `MazeEnv` about
     the engine, the maze and its episodes.
 
-    ## Version History
-    - v0: first version.
-
     Examples:
         >>> import toponav.envs
         >>> env = gymnasium.make("toponav/Maze1-v0", apples=5, goal=True)
@@ -83,23 +80,14 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
     def render(self) -> Observation | None:
         return self._view if self.render_mode == "rgb_array" else None
 
-    def set_slot(self, letter: str, *, closed: bool) -> None:
-        """Close or open a slot in mid-episode, as ``MazeEnv.set_slot`` does."""
-        self._games.set_slot(letter, closed=closed)
-
     def close(self) -> None:
         self._env.close(raise_if_closed=False)
 
     def _truth(self) -> dict[str, Any]:
-        x, y, heading = self._games.poses()[0]
-        return {
-            "position": np.array([x, y]),
-            "heading": float(heading),
-            "cell": tuple(self._games.cells()[0].tolist()),
-            "goal_cell": tuple(self._games.goal_cells()[0].tolist()),
-            "blocked": self._games.closed()[0],
-            "respawned": bool(self._games.respawned()[0]),
-        }
+        truth = {key: entry[0] for key, entry in self._games.truth().items()}
+        cells = {key: tuple(truth[key].tolist()) for key in ("cell", "goal_cell")}
+        numbers = {key: truth[key].item() for key in ("heading", "respawned")}
+        return {**truth, **cells, **numbers}
 
 
 def register_mazes() -> None:

@@ -1,4 +1,4 @@
-"""Text layouts of mazes: parse, validate, measure.
+"""Text layouts of mazes: parse, check, measure.
 
 A layout is a rectangle of characters: ``*`` is wall, a space is floor and a lower-case
 letter is a *slot*, a floor cell that an episode can close. The first line is the north
@@ -6,7 +6,7 @@ side. In map units x points east and y north from the text's south-west corner; 
 a cell's side is there is up to the engine, so whoever asks for them says it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,28 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from toponav.envs.layout_rules import WALL, Cell, LayoutError, cell_graph, check_rows
+Cell = tuple[int, int]
+
+#: Longest side of a layout in cells: engines' coordinates end, and mazes of this size
+#: still load in about two seconds.
+MAX_SIDE = 101
+
+WALL = "*"
+FLOOR = " "
+
+
+class LayoutError(ValueError):
+    """A layout text breaks a rule; the message names line and column (from 1)."""
+
+    def __init__(
+        self, rule: str, name: str, line: int | None = None, column: int | None = None
+    ) -> None:
+        place = f"layout '{name}'"
+        for what, number in (("line", line), ("column", column)):
+            place += "" if number is None else f", {what} {number}"
+        super().__init__(f"{place}: {rule}")
+        self.line = line
+        self.column = column
 
 
 @dataclass(frozen=True)
@@ -42,7 +63,7 @@ class Layout:
     name: str = "maze"
 
     def __post_init__(self) -> None:
-        check_rows(self.rows, self.name)
+        _check_rows(self.rows, self.name)
 
     @cached_property
     def rows(self) -> tuple[str, ...]:
@@ -73,13 +94,11 @@ class Layout:
     def slots(self) -> Mapping[str, Cell]:
         """Slot letter -> cell, in the alphabet's order."""
         letters = {self.rows[row][column]: (row, column) for row, column in self.cells}
-        return {
-            letter: letters[letter] for letter in ascii_lowercase if letter in letters
-        }
+        return {key: letters[key] for key in sorted(letters) if key.isalpha()}
 
     def graph(self) -> "nx.Graph[Cell]":
         """The open cells and their four-neighbour steps."""
-        return cell_graph(self.cells)
+        return nx.grid_2d_graph(*self.shape).subgraph(self.cells).copy()
 
     def check_slots(self, letters: Iterable[str]) -> tuple[str, ...]:
         """The slot letters, sorted and without repeats, if they can all be closed.
@@ -88,13 +107,12 @@ class Layout:
             ValueError: if one is no slot here, or if together they cut the maze in two.
         """
         wanted = tuple(sorted(set(letters)))
-        for letter in wanted:
-            if letter not in self.slots:
-                have = ", ".join(self.slots) or "none"
-                raise ValueError(
-                    f"blocked slots must be slots of {self.name} ({have}), "
-                    f"got '{letter}'"
-                )
+        if unknown := [letter for letter in wanted if letter not in self.slots]:
+            have = ", ".join(self.slots) or "none"
+            raise ValueError(
+                f"blocked slots must be slots of {self.name} ({have}), "
+                f"got '{unknown[0]}'"
+            )
         graph = self.graph()
         graph.remove_nodes_from([self.slots[letter] for letter in wanted])
         if not graph or not nx.is_connected(graph):
@@ -124,7 +142,7 @@ class Layout:
 def load_layout_file(path: str | Path) -> Layout:
     """Read a layout from a text file; its stem becomes the name.
 
-    Every problem with the file is a ``LayoutError``.
+    Whatever is wrong with the file is a ``LayoutError``.
     """
     path = Path(path)
     try:
@@ -133,4 +151,79 @@ def load_layout_file(path: str | Path) -> Layout:
         reason = "the file must exist, and no such file was found"
     except (OSError, UnicodeDecodeError) as error:
         reason = f"the file must be readable UTF-8 text, got {error}"
-    raise LayoutError(reason, name=str(path))
+    raise LayoutError(reason, str(path))
+
+
+def _check_rows(rows: tuple[str, ...], name: str) -> None:
+    """Raise a ``LayoutError`` if rows of text are no closed, connected maze."""
+    # Each check relies on those before it.
+    for check in (_check_shape, _check_letters, _check_border, _check_connected):
+        for rule, line, column in check(rows):
+            raise LayoutError(rule, name, line, column)
+
+
+# Broken rules, each with its line and column.
+_Broken = Iterator[tuple[str, int | None, int | None]]
+
+
+def _check_shape(rows: tuple[str, ...]) -> _Broken:
+    width = len(rows[0])
+    if width == 0:
+        yield "the first line must not be empty", 1, None
+    for line, row in enumerate(rows, 1):
+        if len(row) != width:
+            rule = f"all lines must be as long as the first ({width} characters), "
+            yield rule + f"got {len(row)}", line, min(len(row), width) + 1
+    for what, side in (("lines", len(rows)), ("characters in a line", width)):
+        if not 3 <= side <= MAX_SIDE:
+            rule = f"the number of {what} must be between 3 and {MAX_SIDE}, got {side}"
+            yield rule, 1, None
+
+
+def _letters(rows: tuple[str, ...]) -> Iterator[tuple[int, int, str]]:
+    """Line, column (from 1) and letter of every cell."""
+    for line, row in enumerate(rows, 1):
+        for column, letter in enumerate(row, 1):
+            yield line, column, letter
+
+
+def _check_letters(rows: tuple[str, ...]) -> _Broken:
+    seen: dict[str, str] = {}
+    for line, column, letter in _letters(rows):
+        if letter in (WALL, FLOOR):
+            continue
+        if letter not in ascii_lowercase:
+            rule = "cells must be '*' (wall), ' ' (floor) or a to z (slot), "
+            yield rule + f"got {letter!r}", line, column
+        if letter in seen:
+            rule = f"a slot letter must appear once, got '{letter}' here and at "
+            yield rule + seen[letter], line, column
+        seen[letter] = f"line {line}, column {column}"
+
+
+def _check_border(rows: tuple[str, ...]) -> _Broken:
+    height, width = len(rows), len(rows[0])
+    for line, column, letter in _letters(rows):
+        if letter != WALL and (line in (1, height) or column in (1, width)):
+            yield f"the border must be wall all around, got {letter!r}", line, column
+
+
+def _check_connected(rows: tuple[str, ...]) -> _Broken:
+    letters = {(r, c): letter for r, c, letter in _letters(rows) if letter != WALL}
+    if FLOOR not in letters.values():
+        yield "there must be at least one floor cell, got none", None, None
+    # Lines and columns count from 1.
+    grid = nx.grid_2d_graph(len(rows) + 1, len(rows[0]) + 1)
+    graph = grid.subgraph(letters).copy()
+    first = next(iter(letters))
+    reached = nx.node_connected_component(graph, first)
+    for cell in letters:
+        if cell not in reached:
+            rule = "every open cell must be reachable, got one that is cut off from "
+            yield rule + f"line {first[0]}, column {first[1]}", *cell
+    # Only a slot at a cut point of the graph divides the maze when it closes.
+    cuts = set(nx.articulation_points(graph))
+    for cell, letter in letters.items():
+        if letter != FLOOR and cell in cuts:
+            rule = "a closed slot must leave the maze in one piece, slot "
+            yield rule + f"'{letter}' cuts it in two", *cell

@@ -2,16 +2,22 @@
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
-# Seconds between two looks at whether a thread has ended.
+# Seconds to wait for a thread's current item when a round is interrupted.
 _PATIENCE = 0.1
+
+# A job, the items left of its round, and where threads say that they are done with it.
+_Done = SimpleQueue[BaseException | None]
+_Round = tuple[Callable[[int], None], Iterator[int], _Done]
 
 
 class LockstepThreadPool:
     """A pool of so many threads that does a whole round of work at a time.
 
-    A round costs two semaphores a thread; an executor's futures cost several times as
-    much for each item, which shows at thousands of rounds a second.
+    A round costs two queue entries a thread; an executor's futures cost several times
+    as much for each item, which shows at thousands of rounds a second.
 
     Examples:
         >>> pool, seen = LockstepThreadPool(2), []
@@ -22,16 +28,10 @@ class LockstepThreadPool:
     """
 
     def __init__(self, size: int) -> None:
-        if size < 1:
-            raise ValueError(f"num_threads must be at least 1, got {size}")
-        self._job: Callable[[int], None] | None = None
-        self._items: Iterator[int] = iter(())
-        self._failures: list[BaseException] = []
-        self._finished = threading.Semaphore(0)
-        self._starts = [threading.Semaphore(0) for _ in range(size)]
+        self._rounds: SimpleQueue[_Round | None] = SimpleQueue()
         self._threads = [
-            threading.Thread(target=self._work, args=(start,), daemon=True)
-            for start in self._starts
+            threading.Thread(target=_work, args=(self._rounds,), daemon=True)
+            for _ in range(size)
         ]
         for thread in self._threads:
             thread.start()
@@ -39,43 +39,37 @@ class LockstepThreadPool:
     def run(self, job: Callable[[int], None], items: Iterable[int]) -> None:
         """Do a job on every item; the first failure is raised after the round."""
         # A list's iterator hands each item out once, whoever asks.
-        self._job, self._items = job, iter(list(items))
-        # A new one each round: an interrupted round leaves a wrong count behind.
-        self._finished = threading.Semaphore(0)
+        left = iter(list(items))
+        # A new one each round: an interrupted round leaves entries behind.
+        done: _Done = SimpleQueue()
         try:
-            for start in self._starts:
-                start.release()
-            for _ in self._starts:
-                self._finished.acquire()
+            for _ in self._threads:
+                self._rounds.put((job, left, done))
+            failures = [done.get() for _ in self._threads]
         except BaseException:  # Ctrl-C: nobody takes another item
-            for _ in self._items:
+            for _ in left:
                 pass
-            for _ in self._starts:
-                self._finished.acquire(timeout=_PATIENCE)
+            with suppress(Empty):
+                for _ in self._threads:
+                    done.get(timeout=_PATIENCE)
             raise
-        if self._failures:
-            failure, self._failures = self._failures[0], []
+        for failure in filter(None, failures):
             raise failure
 
     def close(self) -> None:
-        """End the threads; items of an interrupted round are left undone."""
-        self._items = iter(())
+        """End the threads."""
+        for _ in self._threads:
+            self._rounds.put(None)
         for thread in self._threads:
-            while thread.is_alive():
-                self._job = None
-                for start in self._starts:
-                    start.release()
-                thread.join(_PATIENCE)
+            thread.join()
 
-    def _work(self, start: threading.Semaphore) -> None:
-        while True:
-            start.acquire()
-            job, finished = self._job, self._finished
-            if job is None:
-                return
-            try:
-                for item in self._items:
-                    job(item)
-            except BaseException as error:
-                self._failures.append(error)
-            finished.release()
+
+def _work(rounds: "SimpleQueue[_Round | None]") -> None:
+    while (work := rounds.get()) is not None:
+        job, left, done = work
+        try:
+            for item in left:
+                job(item)
+            done.put(None)
+        except BaseException as error:
+            done.put(error)

@@ -1,7 +1,8 @@
 """The batched TorchRL environment: E mazes on E engines in one process."""
 
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,24 +15,19 @@ from toponav.envs.batched_games import BatchedGames, Snapshot
 from toponav.envs.depth import DepthCaster
 from toponav.envs.engines import DEFAULT_ENGINE, load_engine
 from toponav.envs.game import Look
-from toponav.envs.layout import Layout
-from toponav.envs.layout_rules import Cell
-from toponav.envs.scene import Scene, SceneRules
+from toponav.envs.layout import Cell, Layout
+from toponav.envs.scene import SceneRules
 from toponav.envs.specs import masked_rows, set_world
 from toponav.keys import PRIVILEGED
 from toponav.worlds import WorldSpec
 
-# An entry of a tensordict before it becomes one.
-Entry = NDArray[np.generic] | dict[str, "Entry"]
-
 
 class MazeEnv(EnvBase):
-    """A batch of mazes, one engine each, driven by a thread pool in one process.
+    """A batch of mazes, one engine each, driven by at most eight threads.
 
     One step is one *decision*; ``env.world`` says what actions, view, motion and
-    rewards are. Observations are ``pixels`` uint8 ``[*B, H, W, 3]`` and, if asked for,
-    ``depth`` float32 ``[*B, h, w]``, ``velocity`` float32 ``[*B, 6]`` and the ground
-    truth under ``privileged``; `toponav.keys` has their units.
+    rewards are. Observations are ``pixels`` and, if asked for, ``depth``, ``velocity``
+    and the ground truth under ``privileged``, as `toponav.keys` describes them.
 
     An episode starts in a random cell that is no slot, with apples and goal in other
     cells; it is a function of seed, row and the number of episodes that the row has
@@ -55,7 +51,6 @@ class MazeEnv(EnvBase):
         velocity: whether to give the velocity.
         privileged: whether to give the ground truth.
         seed: seed of the episodes, random unless given; give each worker its own.
-        num_threads: threads of the pool, by default one a maze, at most eight.
         device: where the tensors go; the engines draw on the processor.
 
     Raises:
@@ -71,8 +66,6 @@ class MazeEnv(EnvBase):
     """
 
     world: WorldSpec
-    #: The games behind the tensors.
-    games: BatchedGames
 
     def __init__(
         self,
@@ -92,7 +85,6 @@ class MazeEnv(EnvBase):
         velocity: bool = False,
         privileged: bool = False,
         seed: int | None = None,
-        num_threads: int | None = None,
         device: torch.device | str = "cpu",
     ) -> None:
         if batch_size is not None and batch_size < 1:
@@ -101,18 +93,19 @@ class MazeEnv(EnvBase):
         super().__init__(device=device, batch_size=shape)
         game_engine = load_engine(engine)
         self.layout = layout
-        self._caster: DepthCaster | None = None
-        if depth is not None:
-            cell_size, camera = game_engine.motion.cell_size, game_engine.camera
-            self._caster = DepthCaster(
-                layout, depth, camera=camera, cell_size=cell_size
-            )
+        cell_size, camera = game_engine.motion.cell_size, game_engine.camera
+        self._caster = (
+            None
+            if depth is None
+            else DepthCaster(layout, depth, camera=camera, cell_size=cell_size)
+        )
         rules = SceneRules(
             apples=apples,
             goal=goal,
             blocked=tuple(blocked),
             goal_cells=None if goal_cells is None else tuple(goal_cells),
         )
+        #: The games behind the tensors, with their scenes and processes.
         self.games = BatchedGames(
             game_engine,
             layout,
@@ -120,7 +113,6 @@ class MazeEnv(EnvBase):
             rules=rules,
             episode_length=episode_length,
             look=Look(texture_seed=texture_seed, paintings=paintings, marks=marks),
-            num_threads=num_threads,
         )
         self._end = weakref.finalize(self, self.games.close)
         self._with_velocity = velocity
@@ -137,38 +129,33 @@ class MazeEnv(EnvBase):
         if self._with_velocity:
             specs["velocity"] = Unbounded((*shape, 6), device=device)
         if self._with_privileged:
-            specs[PRIVILEGED] = self._privileged_spec()
+            num_slots = len(self.layout.slots)
+            last = (torch.tensor(self.layout.shape) - 1).expand(*shape, 2)
+            specs[PRIVILEGED] = Composite(
+                position=Unbounded((*shape, 2)),
+                heading=Bounded(0.0, 360.0, (*shape, 1)),
+                cell=Bounded(0, last, (*shape, 2), dtype=torch.int64),
+                goal_cell=Bounded(-1, last, (*shape, 2), dtype=torch.int64),
+                blocked=Binary(num_slots, (*shape, num_slots), dtype=torch.bool),
+                respawned=Binary(1, (*shape, 1), dtype=torch.bool),
+                shape=shape,
+            ).to(device)
         return specs
-
-    def _privileged_spec(self) -> Composite:
-        shape, device = self.batch_size, self.device
-        num_slots = len(self.layout.slots)
-        last = (torch.tensor(self.layout.shape) - 1).expand(*shape, 2)
-        return Composite(
-            position=Unbounded((*shape, 2)),
-            heading=Bounded(0.0, 360.0, (*shape, 1)),
-            cell=Bounded(0, last, (*shape, 2), dtype=torch.int64),
-            goal_cell=Bounded(-1, last, (*shape, 2), dtype=torch.int64),
-            blocked=Binary(num_slots, (*shape, num_slots), dtype=torch.bool),
-            respawned=Binary(1, (*shape, 1), dtype=torch.bool),
-            shape=shape,
-        ).to(device)
 
     def _reset(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
         rows = masked_rows(tensordict, "_reset", self.games.size)
-        return self._tensordict(self.games.reset(rows))
+        return self._tensordict(self.games.reset(rows)).exclude("reward")
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         actions = tensordict.get("action").reshape(-1).tolist()
         rows = masked_rows(tensordict, "_step", self.games.size)
-        snapshot = self.games.step(actions, rows)
-        data = self._tensordict(snapshot)
-        return data.update(self._nested({"reward": snapshot.reward[:, None]}))
+        return self._tensordict(self.games.step(actions, rows))
 
     def _tensordict(self, snapshot: Snapshot) -> TensorDict:
         games, done = self.games, snapshot.truncated[:, None]
-        entries: dict[str, Entry] = {
+        entries: dict[str, NDArray[Any]] = {
             "pixels": snapshot.pixels,
+            "reward": snapshot.reward[:, None],
             "done": done,
             "truncated": done.copy(),
             "terminated": np.zeros_like(done),
@@ -181,27 +168,18 @@ class MazeEnv(EnvBase):
             velocity = np.zeros((games.size, 6), dtype=np.float32)
             velocity[:, [0, 1, 3]] = games.moves()
             entries["velocity"] = velocity
+        data = self._tensors(entries)
         if self._with_privileged:
-            poses = games.poses().astype(np.float32)
-            entries[PRIVILEGED] = {
-                "position": poses[:, :2],
-                "heading": poses[:, 2:],
-                "cell": games.cells(),
-                "goal_cell": games.goal_cells(),
-                "blocked": games.closed(),
-                "respawned": games.respawned()[:, None],
-            }
-        return self._nested(entries)
+            data.set(PRIVILEGED, self._tensors(games.truth()))
+        return data
 
-    def _nested(self, entries: dict[str, Entry]) -> TensorDict:
+    def _tensors(self, entries: Mapping[str, NDArray[Any]]) -> TensorDict:
         """Tensors of the batch's shape on the environment's device."""
         source = {}
         for key, entry in entries.items():
-            if isinstance(entry, dict):
-                source[key] = self._nested(entry)
-                continue
             tensor = torch.from_numpy(entry if self.batch_size else entry[0])
-            source[key] = tensor.to(self.device)
+            dtype = torch.float32 if tensor.is_floating_point() else tensor.dtype
+            source[key] = tensor.to(self.device, dtype)
         return TensorDict._new_unsafe(
             source, batch_size=self.batch_size, device=self.device
         )
@@ -214,20 +192,10 @@ class MazeEnv(EnvBase):
     ) -> None:
         """Close or open a slot of some rows (all by default) in mid-episode.
 
-        It takes effect with the next decision; a closing waits while the agent stands
-        in the slot. A ``ValueError`` if it is unknown or would cut a maze in two.
+        It takes effect with the next decision, or once the agent is clear of the slot;
+        a ``ValueError`` if it is unknown or would cut a maze in two.
         """
         self.games.set_slot(letter, closed=closed, rows=rows)
-
-    @property
-    def scenes(self) -> tuple[Scene, ...]:
-        """What the current episode of each row holds: the truth, for pictures."""
-        return self.games.scenes
-
-    @property
-    def engine_pids(self) -> tuple[int, ...]:
-        """Process numbers of the engines, one a row."""
-        return self.games.pids
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         self._end()

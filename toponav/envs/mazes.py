@@ -6,8 +6,7 @@ import networkx as nx
 import numpy as np
 
 from toponav.envs.errors import unknown_name
-from toponav.envs.layout import Layout
-from toponav.envs.layout_rules import FLOOR, MAX_SIDE, WALL
+from toponav.envs.layout import FLOOR, MAX_SIDE, WALL, Layout
 
 #: Mazes 1 to 3 (paper: Fig. 15) and the parameter-selection maze (Fig. 13).
 MAZES = ("maze1", "maze2", "maze3", "select")
@@ -33,9 +32,7 @@ def load_maze(name: str) -> Layout:
 def make_random_layout(
     rows: int, cols: int, *, seed: int, loops: float = 0.1
 ) -> Layout:
-    """A random maze of any size: a spanning tree of corridors plus loops.
-
-    The tree is a minimum spanning tree under random weights.
+    """A random maze: a minimum spanning tree under random weights, plus loops.
 
     Args:
         rows: junctions from north to south, two cells apart, at least 1.

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
-from gymnasium.wrappers import AddRenderObservation, TransformObservation
+from gymnasium.wrappers import AddRenderObservation, TimeLimit, TransformObservation
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
@@ -43,8 +43,8 @@ def make_pixel_env(
         device: where the tensors go.
 
     Raises:
-        ValueError: if there is no such environment, it shows no pixels, or its actions
-            are not discrete.
+        ValueError: if there is no such environment, it shows no pixels, its actions are
+            not discrete, or a number is below one.
 
     Examples:
         >>> env = make_pixel_env(
@@ -54,21 +54,21 @@ def make_pixel_env(
         ((400, 600), ('action 0', 'action 1'), False)
         >>> env.close()
     """
-    for name, number in (
-        ("batch_size", batch_size),
-        ("episode_length", episode_length),
-    ):
-        if number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
+    if min(batch_size, episode_length) < 1:
+        raise ValueError(
+            "batch_size and episode_length must be at least 1, "
+            f"got {batch_size} and {episode_length}"
+        )
     envs: list[GymEnv] = []
     try:
         for _ in range(batch_size):
             envs.append(_make_gym_env(id, render))
-            envs[-1] = _show_pictures(id, envs[-1], render)
+            pictured = _show_pictures(id, envs[-1], render)
+            envs[-1] = TimeLimit(pictured, episode_length)
         height, width, _ = envs[0].observation_space.shape or ()
         actions = _action_names(id, envs[0])
         world = WorldSpec(view_size=(height, width), actions=actions)
-        return _PixelEnv(envs, world, episode_length, seed=seed, device=device)
+        return _PixelEnv(envs, world, seed=seed, device=device)
     except BaseException:
         for env in envs:
             env.close()
@@ -82,17 +82,14 @@ class _PixelEnv(EnvBase):
         self,
         envs: Sequence[GymEnv],
         world: WorldSpec,
-        episode_length: int,
         *,
         seed: int,
         device: torch.device | str,
     ) -> None:
         super().__init__(device=device, batch_size=torch.Size([len(envs)]))
         self._envs = envs
-        self._episode_length = episode_length
         self._first_action = int(getattr(envs[0].action_space, "start", 0))
         self._pixels = np.zeros((len(envs), *world.view_size, 3), dtype=np.uint8)
-        self._decisions = np.zeros(len(envs), dtype=np.int64)
         set_world(self, world)
         self._set_seed(seed)
 
@@ -104,33 +101,28 @@ class _PixelEnv(EnvBase):
         for row in masked_rows(tensordict, "_reset", len(self._envs)):
             seed = int(self._streams[row].integers(2**31))
             self._pixels[row], _ = self._envs[row].reset(seed=seed)
-            self._decisions[row] = 0
-        flags = np.zeros((2, len(self._envs), 1), dtype=bool)
-        return self._tensordict(*flags)
+        outcomes = np.zeros((3, len(self._envs), 1), dtype=np.float32)
+        return self._tensordict(outcomes).exclude("reward")
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         actions = tensordict.get("action").reshape(-1).tolist()
         self._pixels = self._pixels.copy()
-        reward = np.zeros((len(self._envs), 1), dtype=np.float32)
-        terminated, truncated = np.zeros((2, len(self._envs), 1), dtype=bool)
+        outcomes = np.zeros((3, len(self._envs), 1), dtype=np.float32)
         for row in masked_rows(tensordict, "_step", len(self._envs)):
             action = self._first_action + actions[row]
-            view, *outcome, _ = self._envs[row].step(action)
-            self._pixels[row] = view
-            reward[row], terminated[row], truncated[row] = outcome
-            self._decisions[row] += 1
-            truncated[row] |= self._decisions[row] >= self._episode_length
-        data = self._tensordict(terminated, truncated)
-        return data.set("reward", torch.from_numpy(reward).to(self.device))
+            self._pixels[row], *outcome, _ = self._envs[row].step(action)
+            outcomes[:, row, 0] = outcome
+        return self._tensordict(outcomes)
 
-    def _tensordict(
-        self, terminated: NDArray[np.bool_], truncated: NDArray[np.bool_]
-    ) -> TensorDict:
+    def _tensordict(self, outcomes: NDArray[np.float32]) -> TensorDict:
+        """The pixels with rewards and whether episodes terminate and truncate."""
+        reward, terminated, truncated = torch.from_numpy(outcomes)
         return TensorDict(
             pixels=torch.from_numpy(self._pixels),
-            terminated=torch.from_numpy(terminated),
-            truncated=torch.from_numpy(truncated),
-            done=torch.from_numpy(terminated | truncated),
+            reward=reward,
+            terminated=terminated.bool(),
+            truncated=truncated.bool(),
+            done=(terminated + truncated).bool(),
             batch_size=self.batch_size,
         ).to(self.device)
 

@@ -6,34 +6,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toponav.envs.layout import Layout
-from toponav.envs.layout_rules import Cell
+from toponav.envs.layout import Cell, Layout
 
 # Starts, apples and goals stand up to this share of a cell off its centre.
 _JITTER = 0.2
 
 
 class Pose(NamedTuple):
-    """A position (x east, y north, in map units) and a direction.
-
-    ``heading`` is in degrees counter-clockwise from east, in [0, 360).
-    """
+    """A position (x east, y north, in map units) and a direction."""
 
     x: float
     y: float
-    heading: float
+    heading: float  # degrees counter-clockwise from east, in [0, 360)
 
 
 @dataclass(frozen=True)
 class SceneRules:
-    """What every episode's scene holds.
-
-    Args:
-        apples: number of apples; each gives its reward once.
-        goal: whether there is a goal; it stays, and puts the agent at a new start.
-        blocked: letters of the slots that are closed from the start.
-        goal_cells: cells where the goal can be; all but the slots unless given.
-    """
+    """What every episode's scene holds, as ``MazeEnv`` explains."""
 
     apples: int = 0
     goal: bool = False
@@ -42,8 +31,6 @@ class SceneRules:
 
     def check(self, layout: Layout) -> None:
         """Raise a ``ValueError`` if a maze has not the slots or cells for the rules."""
-        if self.apples < 0:
-            raise ValueError(f"apples must be at least 0, got {self.apples}")
         layout.check_slots(self.blocked)
         free = _free_cells(layout)
         room = len(free) - 1 - self.goal
@@ -52,30 +39,24 @@ class SceneRules:
                 f"goal must be false in {layout.name}: it has one cell, which is "
                 "the start, got true"
             )
-        if self.apples > room:
+        if not 0 <= self.apples <= room:
             raise ValueError(
-                f"apples must be at most {room} in {layout.name} (one cell each, "
-                f"beside start and goal), got {self.apples}"
+                f"apples must be at least 0 and at most {room} in {layout.name} (one "
+                f"cell each, beside start and goal), got {self.apples}"
             )
-        if self.goal_cells is not None:
-            strange = set(self.goal_cells) - set(free)
-            if strange or not self.goal_cells:
-                raise ValueError(
-                    f"goal_cells must be open cells of {layout.name}, slots left out, "
-                    f"at least one, got {min(strange, default='none')}"
-                )
+        cells = set(free if self.goal_cells is None else self.goal_cells)
+        if not cells or not cells <= set(free):
+            raise ValueError(
+                f"goal_cells must be open cells of {layout.name}, slots left out, at "
+                f"least one, got {min(cells - set(free), default='none')}"
+            )
 
 
 @dataclass
 class Scene:
-    """One episode's scene, in map units.
+    """One episode's start, apples and goal in map units, and its closed slots.
 
-    Args:
-        start: where the agent begins.
-        apples: positions (x, y) of the apples.
-        goal: position of the goal, or ``None``.
-        goal_cell: its cell, or ``None``.
-        blocked: letters of the slots that are closed from the start.
+    ``next_start`` draws a start for the rest of the episode, away from goal and slots.
     """
 
     start: Pose
@@ -83,12 +64,7 @@ class Scene:
     goal: tuple[float, float] | None
     goal_cell: Cell | None
     blocked: tuple[str, ...]
-    _draw_pose: Callable[[Sequence[Cell]], Pose] = field(repr=False)
-    _start_cells: Sequence[Cell] = field(repr=False)
-
-    def next_start(self) -> Pose:
-        """A random start for the rest of the episode, away from goal and slots."""
-        return self._draw_pose(self._start_cells)
+    next_start: Callable[[], Pose] = field(repr=False)
 
 
 def draw_scene(
@@ -121,7 +97,15 @@ def draw_scene(
 
     free = _free_cells(layout)
     order = [free[i] for i in generator.permutation(len(free))]
-    goal_cell = _pop_goal_cell(order, rules) if rules.goal else None
+    goal_cell = None
+    if rules.goal:
+        # Start and apples come first, so that rules that allow every cell draw the
+        # same scenes as rules without ``goal_cells``.
+        others = 1 + rules.apples
+        possible = free if rules.goal_cells is None else rules.goal_cells
+        rotated = order[others:] + order[:others]
+        goal_cell = next(cell for cell in rotated if cell in possible)
+        order.remove(goal_cell)
     start_cell, *apple_cells = order[: 1 + rules.apples]
     return Scene(
         start=draw_pose([start_cell]),
@@ -129,20 +113,8 @@ def draw_scene(
         apples=tuple(draw_place(cell) for cell in apple_cells),
         goal_cell=goal_cell,
         blocked=layout.check_slots(rules.blocked),
-        _draw_pose=draw_pose,
-        _start_cells=[cell for cell in free if cell != goal_cell],
+        next_start=lambda: draw_pose([cell for cell in free if cell != goal_cell]),
     )
-
-
-def _pop_goal_cell(order: list[Cell], rules: SceneRules) -> Cell:
-    """Take the goal's cell out of the cells in their drawn order."""
-    # Start and apples come first, so that rules that allow every cell draw the same
-    # scenes as rules without ``goal_cells``.
-    others = 1 + rules.apples
-    possible = order if rules.goal_cells is None else rules.goal_cells
-    goal = next(cell for cell in order[others:] + order[:others] if cell in possible)
-    order.remove(goal)
-    return goal
 
 
 def _free_cells(layout: Layout) -> list[Cell]:
