@@ -35,7 +35,6 @@ from toponav.config import PretrainConfig
 from toponav.launch import recipe
 from toponav.methods import make_worlds
 from toponav.reports import (
-    make_truth,
     progress_figures,
     summarize,
     write_measurements,
@@ -117,8 +116,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
         write_history(folder / "metrics.csv", [measure()])
 
     # Thresholds from random walks, the report against the ground truth, the networks.
-    truths = [make_truth(one.layout, one.spec) for one in worlds]
-    figures = write_reports(folder, validate, truths, settings)
+    figures = write_reports(folder, validate, worlds, settings)
     save_networks(networks, folder / NETWORKS_FILE)
     print(summarize(figures, networks))
     minutes = (time.monotonic() - started) / 60

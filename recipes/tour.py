@@ -19,9 +19,9 @@ from toponav.keys import CELL, HEADING, PIXELS, POSITION, RESPAWNED, REWARD
 from toponav.launch import recipe
 from toponav.plotting import (
     FloorPlan,
-    PlanRenderer,
     contact_sheet,
     draw_plan,
+    render_plan,
     save_figure,
     side_by_side,
     spread_out,
@@ -80,8 +80,8 @@ def main(settings: TourConfig, folder: Path) -> None:
 
     # The walk: first person beside the moving arrow.
     video = folder / f"walk.{settings.video}"
-    renderer = PlanRenderer(plan, height=settings.height)
-    frames = side_by_side(views, renderer.render(positions, headings))
+    walked = render_plan(plan, positions, headings, height=settings.height)
+    frames = side_by_side(views, walked)
     write_video(video, tqdm(frames, total=len(views), unit="frame", desc=video.name))
 
     goals = int(walk["next", *RESPAWNED].sum())

@@ -8,7 +8,7 @@ from tests.fakes import WORLD
 from toponav.graph import MAP_SHARE, WalkWaypoints, calibrate_share, share_curve
 from toponav.ground_truth import GroundTruthDistances, pair_truth
 from toponav.metrics import bayes_bound, l_report, tc_report, useful_actions
-from toponav.plotting import ShareCurve, draw_report
+from toponav.plotting import draw_report
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def report():
     return (
         tc_report(similarity, label, truth, cell_size=128.0),
         l_report(logits, action, offset, mask),
-        ShareCurve(thresholds, share_curve([walk, walk], thresholds.tolist())),
+        (thresholds, share_curve([walk, walk], thresholds.tolist())),
         calibrate_share([walk], target_share=MAP_SHARE),
     )
 

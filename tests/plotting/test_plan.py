@@ -1,5 +1,3 @@
-from functools import partial
-
 import numpy as np
 import pytest
 import torch
@@ -96,7 +94,7 @@ def test_marks_are_in_the_legend():
 def test_arrow_head_is_turned_counter_clockwise(heading):
     def corners(degrees):
         axes = new_axes()
-        draw_agent(axes, (0.0, 0.0), degrees)
+        draw_agent(axes, (0.0, 0.0), degrees, colour=AGENT, label="")
         vertices = axes.collections[0].get_paths()[0].vertices[:4]
         return vertices @ [1, 1j] / np.linalg.norm(vertices)  # as complex numbers
 
@@ -109,7 +107,8 @@ def test_trajectory_is_coloured_by_its_values():
     axes = new_axes()
     FloorPlan(MASK, cell_size=128.0).draw(axes)
     places = [centre(10, column) for column in (1, 4, 8, 12)]
-    draw_trajectory(axes, places, [0.0, 0.5, 0.75, 1.0], label="share", jump=1e9)
+    shares, look = [0.0, 0.5, 0.75, 1.0], {"label": "share", "limits": (0.0, 1.0)}
+    draw_trajectory(axes, places, shares, jump=1e9, **look)
     middles = [centre(10, column) for column in (2.5, 6, 10)]
     expected = VALUE_COLOURS([0.5, 0.75, 1.0])[:, :3]
     np.testing.assert_allclose(pixels_of(axes, middles), expected, atol=0.03)
@@ -119,41 +118,15 @@ def test_trajectory_is_coloured_by_its_values():
 def test_new_start_within_the_episode_is_not_joined():
     axes = new_axes()
     places = [[0, 0], [30, 0], [900, 0], [930, 0]]
-    draw_trajectory(axes, places, range(4), label="t", jump=256)
+    draw_trajectory(axes, places, range(4), label="t", jump=256, limits=(0, 3))
     assert len(axes.collections[1].get_segments()) == 2
 
 
 def test_tensors_are_drawn_like_arrays():
     axes = new_axes()
-    draw_trajectory(axes, torch.rand(5, 2), torch.arange(5), label="t", jump=256)
-    draw_agent(axes, torch.rand(2), 10.0, colour=AGENT)
-
-
-DRAW = partial(draw_trajectory, label="t", jump=9)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            partial(DRAW, positions=[[0, 0]], values=[1]),
-            r"positions must be \[T >= 2, 2\], got \(1, 2\)",
-        ),
-        (
-            partial(
-                draw_trajectory,
-                positions=[[0, 0], [1, 1]],
-                values=[1],
-                label="t",
-                jump=9,
-            ),
-            r"values must be \[2\], got \(1,\)",
-        ),
-    ],
-)
-def test_wrong_arguments_are_refused(call, message):
-    with pytest.raises(ValueError, match=message):
-        call(new_axes())
+    places, values = torch.rand(5, 2), torch.arange(5)
+    draw_trajectory(axes, places, values, label="t", jump=256, limits=(0, 4))
+    draw_agent(axes, torch.rand(2), 10.0, colour=AGENT, label="agent")
 
 
 def test_a_closed_slot_must_be_one():

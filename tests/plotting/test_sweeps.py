@@ -4,13 +4,14 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from toponav.plotting import Curve, draw_learning_curves, draw_sweep
+from toponav.plotting import draw_learning_curves, draw_sweep
+from toponav.plotting.sweeps import Runs, band
 
 NAN = float("nan")
 
 
-def curve(*runs: tuple[list[float], list[float]], label: str = "a") -> Curve:
-    return Curve(label, [(np.array(x), np.array(y)) for x, y in runs])
+def group(*runs: tuple[list[float], list[float]]) -> Runs:
+    return [(np.array(x), np.array(y)) for x, y in runs]
 
 
 def swept(panels: dict, *, x: str) -> Figure:
@@ -33,7 +34,7 @@ def labels(axes: Axes) -> list[str]:
 def test_a_band_is_where_all_runs_have_been() -> None:
     first = ([0.0, 100.0], [10.0, 30.0])
     second = ([50.0, 75.0, 100.0, 200.0], [40.0, NAN, 60.0, 80.0])
-    x, mean, low, high = curve(first, second).band()
+    x, mean, low, high = band(group(first, second))
     assert (x[0], x[-1]) == (50, 100)
     # At 50: 20 and 40; at 100: 30 and 60; the gap is bridged.
     assert (mean[0], low[0], high[0]) == (30, 20, 40)
@@ -45,13 +46,16 @@ def test_a_band_is_where_all_runs_have_been() -> None:
     [[], [([1.0], [NAN])], [([0.0, 1.0], [5.0, 5.0]), ([2.0, 3.0], [5.0, 5.0])]],
 )
 def test_runs_without_a_common_part_have_no_band(runs: list) -> None:
-    assert [len(part) for part in curve(*runs).band()] == [0, 0, 0, 0]
+    assert [len(part) for part in band(group(*runs))] == [0, 0, 0, 0]
 
 
 def test_each_panel_has_its_groups_and_its_levels() -> None:
     line = ([0.0, 9.0], [40.0, 60.0])
     figure = draw_learning_curves(
-        {"maze1": [curve(line, line), curve(line, label="b")], "maze3": [curve(line)]},
+        {
+            "maze1": {"a": group(line, line), "b": group(line)},
+            "maze3": {"a": group(line)},
+        },
         {"maze1": {"uniform random": 53.0, "sticky random": 67.64}},
         label="coverage (%)",
         title="explore",

@@ -1,3 +1,5 @@
+from functools import partial
+
 import imageio.v3 as iio
 import numpy as np
 import pytest
@@ -5,12 +7,12 @@ import torch
 from matplotlib.colors import to_rgb
 
 from tests.fakes import MAZES, parse
-from toponav.plotting import FloorPlan, PlanRenderer, side_by_side, write_video
+from toponav.plotting import FloorPlan, render_plan, side_by_side, write_video
 from toponav.plotting.plan import AGENT, VALUE_COLOURS
 
 MASK, _ = parse(MAZES["maze3"])
 PLAN = FloorPlan(MASK, cell_size=128.0)
-RENDERER = PlanRenderer(PLAN, height=240)
+render = partial(render_plan, PLAN, height=240)
 
 
 def centre_of(picture, colour, tolerance=40):
@@ -23,7 +25,7 @@ def centre_of(picture, colour, tolerance=40):
 def test_the_dot_moves_as_the_agent_does():
     # Maze3 is 13 x 11 cells; the agent walks 6 cells east, then 4 cells north.
     places = np.array([[192.0, 192.0], [960.0, 192.0], [960.0, 704.0]])
-    pictures = list(RENDERER.render(places, [0.0, 0.0, 90.0]))
+    pictures = list(render(places, [0.0, 0.0, 90.0]))
     dots = np.array([centre_of(picture, AGENT) for picture in pictures])
     unit = 240 * 0.96 / 11  # pixels of a cell, at most: the margin is 2 %
     moved = np.diff(dots, axis=0) / unit
@@ -33,7 +35,7 @@ def test_the_dot_moves_as_the_agent_does():
 
 def test_the_trail_stays_and_is_coloured_by_time():
     places = np.stack([np.linspace(192, 1472, 30), np.full(30, 704.0)], 1)
-    *_, last = RENDERER.render(places, np.zeros(30))
+    *_, last = render(places, np.zeros(30))
     for share in (0.1, 0.5, 0.8):
         colour = VALUE_COLOURS(share)[:3]
         assert np.isfinite(centre_of(last, colour, tolerance=12)).all()
@@ -41,7 +43,7 @@ def test_the_trail_stays_and_is_coloured_by_time():
 
 def test_the_trail_can_be_coloured_by_a_value():
     places = np.stack([np.linspace(192, 1472, 30), np.full(30, 704.0)], 1)
-    *_, last = RENDERER.render(places, np.zeros(30), values=np.full(30, 0.5))
+    *_, last = render(places, np.zeros(30), values=np.full(30, 0.5))
     assert np.isfinite(centre_of(last, VALUE_COLOURS(0.5)[:3], tolerance=12)).all()
     by_time = np.asarray(VALUE_COLOURS(0.1)[:3]) * 255
     assert not (np.abs(last - by_time) < 12).all(-1).any()
@@ -49,16 +51,16 @@ def test_the_trail_can_be_coloured_by_a_value():
 
 def test_skipped_pictures_change_nothing_in_the_others():
     places = np.stack([np.linspace(192, 1472, 7), np.full(7, 704.0)], 1)
-    every = list(RENDERER.render(places, np.zeros(7)))
-    third = list(RENDERER.render(places, np.zeros(7), every=3))
+    every = list(render(places, np.zeros(7)))
+    third = list(render(places, np.zeros(7), every=3))
     assert len(third) == 3
     assert all((a == b).all() for a, b in zip(every[::3], third, strict=True))
 
 
 def test_dots_appear_at_their_decision_and_stay():
     places = np.array([[192.0, 192.0], [960.0, 192.0], [960.0, 704.0]])
-    pictures = list(RENDERER.render(places, np.zeros(3), dots={1: "#ff00ff"}))
-    plain = list(RENDERER.render(places, np.zeros(3)))
+    pictures = list(render(places, np.zeros(3), dots={1: "#ff00ff"}))
+    plain = list(render(places, np.zeros(3)))
     assert (pictures[0] == plain[0]).all()
     dot = centre_of(pictures[2], "#ff00ff", tolerance=60)
     arrow = centre_of(plain[1], AGENT)  # the agent stood there then
@@ -68,8 +70,8 @@ def test_dots_appear_at_their_decision_and_stay():
 def test_a_new_start_within_the_episode_leaves_no_trail():
     def trail_length(step):
         start, end = [1472.0 - step, 704.0], [1472.0, 704.0]
-        *_, walked = RENDERER.render([start, end], [0, 0])
-        *_, standing = RENDERER.render([end, end], [0, 0])
+        *_, walked = render([start, end], [0, 0])
+        *_, standing = render([end, end], [0, 0])
         return int((walked != standing).any((0, 2)).sum())
 
     # A step of two cells is a trail, anything longer a new start.
@@ -79,8 +81,8 @@ def test_a_new_start_within_the_episode_leaves_no_trail():
 
 def test_the_plan_itself_is_not_painted_on():
     places = np.array([[192.0, 192.0], [300.0, 192.0]])
-    first = list(RENDERER.render(places, [0, 0]))
-    again = list(RENDERER.render(places, [0, 0]))
+    first = list(render(places, [0, 0]))
+    again = list(render(places, [0, 0]))
     assert all((a == b).all() for a, b in zip(first, again, strict=True))
 
 
@@ -154,12 +156,13 @@ def test_wrong_arguments_are_refused(tmp_path, name, frames, fps, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_wrong_renderer_arguments_are_refused():
-    with pytest.raises(ValueError, match="height must be at least 64, got 10"):
-        PlanRenderer(PLAN, height=10)
-    with pytest.raises(ValueError, match="headings must be as many as positions, 2"):
-        list(RENDERER.render([[0, 0], [1, 1]], [0.0]))
-    with pytest.raises(ValueError, match="values must be as many as positions, 2, got"):
-        list(RENDERER.render([[0, 0], [1, 1]], [0.0, 0.0], values=[1.0]))
-    with pytest.raises(ValueError, match="every must be at least 1, got 0"):
-        list(RENDERER.render([[0, 0], [1, 1]], [0.0, 0.0], every=0))
+def test_wrong_arguments_of_a_plan_are_refused():
+    places, zeros = [[0, 0], [1, 1]], [0.0, 0.0]
+    for headings, more, message in (
+        (zeros, {"height": 10}, "height must be at least 64 .* got 10 and 1"),
+        (zeros, {"every": 0}, "every at least 1, got 240 and 0"),
+        ([0.0], {}, "must be as many, got 2, 1 and 2"),
+        (zeros, {"values": [1.0]}, "must be as many, got 2, 2 and 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            list(render(places, headings, **more))

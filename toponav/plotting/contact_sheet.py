@@ -1,6 +1,7 @@
 """Contact sheets: first-person views beside the plan of where they were taken."""
 
 import math
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from toponav.plotting.plan import FloorPlan
-from toponav.plotting.style import GREY, PALETTE, add_text, new_figure
+from toponav.plotting.style import CENTRED, GREY, PALETTE, new_figure
 
 _COLOURS = (*PALETTE, "#6a3d9a", GREY)
 _VIEW_HEIGHT = 1.75  # inches
@@ -26,12 +27,8 @@ def contact_sheet(
 ) -> Figure:
     """Show views in coloured frames beside a plan with arrows of the same colours.
 
-    Args:
-        views: uint8 ``[K, H, W, 3]``.
-        positions: ``[K, 2]``, where they were taken, in map units.
-        headings: ``[K]``, which way the agent looked, in degrees.
-        plan: of the maze.
-        columns: views in a row.
+    Views, uint8 ``[K, H, W, 3]``, were taken at positions ``[K, 2]`` in map units with
+    headings ``[K]`` in degrees.
 
     Examples:
         >>> views, places = np.zeros((3, 12, 16, 3), np.uint8), np.zeros((3, 2))
@@ -43,10 +40,9 @@ def contact_sheet(
     places = np.asarray(positions, float)
     angles = np.asarray(headings, float).reshape(-1)
     if not len(images) or not len(images) == len(places) == len(angles):
-        raise ValueError(
-            "views, positions and headings must be as many and at least one, "
-            f"got {len(images)}, {len(places)} and {len(angles)}"
-        )
+        got = f"{len(images)}, {len(places)} and {len(angles)}"
+        lists = "views, positions and headings"
+        raise ValueError(f"{lists} must be as many and at least one, got {got}")
     columns = min(columns, len(images))
     rows = math.ceil(len(images) / columns)
     height, width = images.shape[1:3]
@@ -59,39 +55,30 @@ def contact_sheet(
     grid = right.subplots(rows, columns, squeeze=False).flatten()
     for axes in grid[len(images) :]:
         axes.remove()
-    for index, (image, axes) in enumerate(zip(images, grid, strict=False)):
-        colour, number = _COLOURS[index % len(_COLOURS)], str(index + 1)
-        _mark_place(floor, places[index], angles[index], number, colour)
+    marks = zip(images, places, angles, grid, cycle(_COLOURS), strict=False)
+    for number, (image, place, angle, axes, colour) in enumerate(marks, start=1):
+        _mark_place(floor, place, angle, number, colour)
         axes.imshow(image, interpolation="nearest")
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set(color=colour, linewidth=3.5)
         box = {"boxstyle": "round,pad=0.25", "facecolor": colour, "edgecolor": "none"}
-        corner: dict[str, Any] = {
-            "ha": "left",
-            "va": "top",
-            "transform": axes.transAxes,
-        }
-        add_text(axes, 0.03, 0.95, number, fontsize=9, bbox=box, **corner, **_WHITE)
+        look: dict[str, Any] = {"va": "top", "fontsize": 9, "bbox": box, **_WHITE}
+        axes.text(0.03, 0.95, str(number), transform=axes.transAxes, **look)
     return figure
 
 
 def _mark_place(
-    axes: Axes, place: np.ndarray, heading: float, number: str, colour: str
+    axes: Axes, place: np.ndarray, heading: float, number: int, colour: str
 ) -> None:
     """Draw a numbered disc with an arrow in the direction of the heading."""
     x, y = place
-    ahead = math.radians(heading)
-    axes.annotate(
-        "",
-        (x, y),
-        xytext=(19 * math.cos(ahead), 19 * math.sin(ahead)),
-        textcoords="offset points",
-        arrowprops={"arrowstyle": "<|-", "color": colour, "linewidth": 2.2},
-        zorder=6,
-    )
+    tip = 19 * math.cos(math.radians(heading)), 19 * math.sin(math.radians(heading))
+    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 2.2}
+    look: dict[str, Any] = {"textcoords": "offset points", "arrowprops": arrow}
+    axes.annotate("", (x, y), xytext=tip, zorder=6, **look)
     axes.scatter(x, y, 130, colour, edgecolors="white", linewidths=0.8, zorder=7)
-    look: dict[str, Any] = {"va": "center_baseline", "fontsize": 7.5, "zorder": 8}
-    add_text(axes, x, y, number, **look, **_WHITE)
+    look = CENTRED | _WHITE | {"va": "center_baseline", "fontsize": 7.5, "zorder": 8}
+    axes.text(x, y, str(number), **look)
 
 
 def spread_out(
@@ -99,17 +86,9 @@ def spread_out(
 ) -> np.ndarray:
     """Choose moments of a trajectory whose places and directions lie far apart.
 
-    Farthest-point sampling: each next moment is the one farthest from all chosen so
-    far, where turning around counts like walking two cells.
-
-    Args:
-        positions: ``[T, 2]`` in map units.
-        headings: ``[T]`` in degrees.
-        count: how many moments, at most T.
-        cell_size: in map units.
-
-    Returns:
-        Indices, int64 ``[count]``, in the order of time.
+    Farthest-point sampling over positions ``[T, 2]`` in map units and headings ``[T]``
+    in degrees: each next moment is the one farthest from all chosen so far, where
+    turning around counts like walking two cells. Returns indices in the order of time.
 
     Examples:
         >>> spread_out([[0, 0], [1, 0], [900, 0], [500, 0]], [0] * 4, 3, cell_size=9)

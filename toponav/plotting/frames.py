@@ -7,15 +7,13 @@ from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
 from toponav.metrics import EpisodeTrace
-from toponav.plotting.episode_map import SPURIOUS, WAYPOINT, reward_limits
+from toponav.plotting.maps import SPURIOUS, WAYPOINT, reward_limits
 from toponav.plotting.plan import VALUE_COLOURS, FloorPlan
 from toponav.plotting.style import INK
-from toponav.plotting.video import Frame, PlanRenderer, enlarge, side_by_side
+from toponav.plotting.video import Frame, enlarge, render_plan, side_by_side
 
 _FONT = ImageFont.load_default(12)
-_STRIP = 26
-_BAR = 70
-_GAP = 8
+_STRIP, _BAR, _GAP = 26, 70, 8
 _NOTHING = np.full((3, 4, 3), 160, np.uint8)
 
 
@@ -30,28 +28,18 @@ def explored_frames(
     """Show an episode: the view, the plan with trail and waypoints, and the numbers.
 
     The trail has the colour of the intrinsic reward; new waypoints are white dots,
-    spurious ones red.
-
-    Args:
-        trace: the episode.
-        views: uint8 ``[H, W, 3]`` of the first observation and then each ``every``-th.
-        plan: of the maze.
-        every: decisions from frame to frame.
-        height: of view and plan in pixels.
-
-    Yields:
-        uint8 frames for `write_video`.
+    spurious ones red. Views are uint8 ``[H, W, 3]`` of the first observation and then
+    each ``every``-th; ``height`` is that of view and plan in pixels.
     """
     low, high = limits = reward_limits(trace.reward)
-    dots = {
-        int(at): SPURIOUS if trace.spurious_waypoint[at] else WAYPOINT
-        for at in np.flatnonzero(trace.is_new_waypoint)
-    }
-    plans = PlanRenderer(plan, height=height).render(
+    colours = np.where(trace.spurious_waypoint, SPURIOUS, WAYPOINT)
+    plans = render_plan(
+        plan,
         trace.positions,
         trace.headings,
+        height=height,
         values=np.clip((trace.reward - low) / (high - low), 0, 1),
-        dots=dots,
+        dots={at: colours[at] for at in np.flatnonzero(trace.is_new_waypoint).tolist()},
         every=every,
     )
     widest = caption(trace, len(trace) - 1, since=-1)
@@ -92,8 +80,8 @@ def _strip_of_numbers(
     pen.text((end, 4), low, INK, _FONT)
     bar_start = end + low_width + _GAP // 2
     colours = (VALUE_COLOURS(np.linspace(0, 1, _BAR))[:, :3] * 255).astype(np.uint8)
-    bar = np.broadcast_to(colours, (10, _BAR, 3))
-    image.paste(Image.fromarray(np.ascontiguousarray(bar)), (int(bar_start), 8))
+    bar = Image.fromarray(np.tile(colours, (10, 1, 1)))
+    image.paste(bar, (int(bar_start), 8))
     pen.text((bar_start + _BAR + _GAP // 2, 4), high, INK, _FONT)
     return np.asarray(image)
 
@@ -120,11 +108,8 @@ def navigated_frames(
         plan: of the maze.
         captions: T lines of text that stand below.
         height: of the view and the plan in pixels.
-
-    Yields:
-        uint8 frames for `write_video`.
     """
-    plans = PlanRenderer(plan, height=height).render(positions, headings)
+    plans = render_plan(plan, positions, headings, height=height)
     small = (height - _GAP) // 2
     goal_panel = _named_panel(goal, small, "goal")
     gap = np.full((height - 2 * small, goal_panel.shape[1], 3), 255, np.uint8)

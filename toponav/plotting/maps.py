@@ -1,28 +1,106 @@
-"""Figures of a topological map: alone, and with a path to the goal."""
+"""What was explored, drawn on the plan: an episode, a map, a path to the goal."""
+
+from typing import Any
 
 import networkx
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from toponav.plotting.plan import AGENT, START, FloorPlan, draw_agent, figure_of_plan
+from toponav.metrics import EpisodeTrace, effective_cells, occupancy
+from toponav.plotting.plan import (
+    AGENT,
+    START,
+    FloorPlan,
+    draw_agent,
+    draw_trajectory,
+    figure_of_plan,
+)
 from toponav.plotting.style import (
     BLUE,
     GREEN,
     INK,
     RED,
     SKY,
+    WHITE,
     add_dots,
+    add_heading,
     add_legend_below,
     add_lines,
+    new_figure,
 )
 
-_WALKED, _SEEN, _SPURIOUS = BLUE, SKY, RED
+WAYPOINT, SPURIOUS = WHITE, RED
 _EDGE, _CUT = "#8c9bab", "#c1121f"
-# Enough to unfold some hundred waypoints in a second.
-_LAYOUT_ITERATIONS = 60
+# From a light blue that a visited cell has at least, to black.
+_TIMES = ["#d6e6f2", SKY, BLUE, "#12263a"]
+
+
+def reward_limits(reward: ArrayLike) -> tuple[float, float]:
+    """Rewards at the dark and the light end of a trail: 0 and the 98 % quantile."""
+    values = np.asarray(reward, np.float64)
+    low = min(0.0, float(values.min()))
+    # The few largest would leave all others one colour.
+    high = float(np.quantile(values, 0.98))
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def draw_exploration(trace: EpisodeTrace, plan: FloorPlan) -> Figure:
+    """Draw a trajectory coloured by its reward, its waypoints, and time per cell."""
+    figure = new_figure(12.5, 5.6)
+    left, right = figure.subplots(1, 2)
+    plan.draw(left)
+    reward, limits = trace.reward, reward_limits(trace.reward)
+    label = "intrinsic reward (lightest: the highest 2 %)"
+    look: dict[str, Any] = {"label": label, "limits": limits, "jump": plan.jump}
+    draw_trajectory(left, trace.positions, reward, **look)
+    spurious = trace.is_new_waypoint & trace.spurious_waypoint
+    sound = trace.is_new_waypoint & ~trace.spurious_waypoint
+    add_dots(left, trace.positions[sound], 26, "waypoint")
+    look = {"marker": "X", "c": SPURIOUS, "edgecolors": "white"}
+    add_dots(left, trace.positions[spurious], 42, "spurious waypoint", **look)
+    draw_agent(left, trace.positions[0], trace.headings[0], colour=START, label="start")
+    draw_agent(left, trace.positions[-1], trace.headings[-1], colour=AGENT, label="end")
+    # The first waypoint, which every episode has, cannot be spurious.
+    new, later = trace.is_new_waypoint.sum(), trace.is_new_waypoint[1:].sum()
+    wrong = trace.spurious_waypoint[1:].sum()
+    add_heading(
+        left,
+        f"{len(trace) - 1:,} decisions: coverage {trace.coverage[-1]:.0%}, "
+        f"return {trace.reward.sum():.1f};\n"
+        f"{new} waypoints, {wrong} of {later} new ones spurious",
+    )
+    add_legend_below(left)
+    plan.draw(right)
+    _draw_occupancy(right, trace.cells, plan)
+    return figure
+
+
+def _draw_occupancy(axes: Axes, cells: np.ndarray, plan: FloorPlan) -> None:
+    """Shares of the time; cells that were never visited stay white and hatched."""
+    floor, (width, height) = plan.floor, plan.size
+    rows, columns = floor.shape
+    share = occupancy(cells, (rows, columns))
+    colours = LinearSegmentedColormap.from_list("time", _TIMES)
+    seen = np.ma.masked_equal(share, 0)
+    image = plan.show_cells(axes, seen, cmap=colours, vmin=0, zorder=2.5)
+    x, y = np.linspace(0, width, columns + 1), np.linspace(height, 0, rows + 1)
+    never = np.ma.masked_equal(floor & (share == 0), False)
+    look: dict[str, Any] = {"hatch": "////", "edgecolor": "#b9bcc2", "linewidth": 0}
+    axes.pcolor(x, y, never, cmap=ListedColormap(["white"]), zorder=2.5, **look)
+    look = {"label": "share of the time", "fraction": 0.04, "pad": 0.03}
+    axes.figure.colorbar(image, ax=axes, format=PercentFormatter(1.0), **look)
+    busiest = np.sort(share, axis=None)[-5:].sum()
+    add_heading(
+        axes,
+        f"{(share > 0).sum()} of {floor.sum()} cells visited (hatched: never), "
+        f"time spread as over {effective_cells(share):.0f};\n"
+        f"the five busiest hold {busiest:.0%} of {len(cells):,} observations",
+    )
 
 
 def draw_topological_map(
@@ -36,19 +114,10 @@ def draw_topological_map(
 ) -> Figure:
     """Draw a map where its waypoints were seen.
 
-    Args:
-        poses: ``[W, 3]``, x and y in map units and heading in degrees.
-        edges: int64 ``[E, 2]``.
-        edge_cost: ``[E]``; edges above 1 were never walked.
-        spurious: bool ``[E]``, the edges whose ends are far apart.
-        plan: of the maze.
-        title: over the picture.
+    Poses are ``[W, 3]``, x and y in map units and heading in degrees. Edges, int64
+    ``[E, 2]``, of a cost ``[E]`` above 1 were never walked; those with ends far apart
+    are ``spurious``, bool ``[E]``.
     """
-    if not len(edges) == len(edge_cost) == len(spurious):
-        raise ValueError(
-            "edges, edge_cost and spurious must have one length, got "
-            f"{len(edges)}, {len(edge_cost)} and {len(spurious)}"
-        )
     figure, axes = figure_of_plan(plan, (8.6, 8.2), title)
     places = np.asarray(poses, float)
     _draw_edges(axes, places[:, :2], edges, edge_cost, np.asarray(spurious))
@@ -76,7 +145,8 @@ def draw_graph(
     """
     graph = networkx.empty_graph(num_waypoints)
     graph.add_edges_from(edges.tolist())
-    layout = networkx.spring_layout(graph, iterations=_LAYOUT_ITERATIONS, seed=0)
+    # Enough to unfold some hundred waypoints in a second.
+    layout = networkx.spring_layout(graph, iterations=60, seed=0)
     places = np.array(list(layout.values())).reshape(-1, 2)
     figure, axes = figure_of_plan(None, (8.6, 8.2), title)
     _draw_edges(axes, places, edges, edge_cost, np.zeros(len(edges), bool))
@@ -94,9 +164,9 @@ def _draw_edges(
     # Many edges hide the plan: the more there are, the thinner they are.
     thin = float(np.clip(40 / np.sqrt(max(len(edges), 1)), 0.35, 1.6))
     for some, colour, width, name in (
-        (~walked & ~spurious, _SEEN, 0.6 * thin, "only seen"),
-        (walked & ~spurious, _WALKED, thin, "walked"),
-        (spurious, _SPURIOUS, 1.3 * thin, "spurious"),
+        (~walked & ~spurious, SKY, 0.6 * thin, "only seen"),
+        (walked & ~spurious, BLUE, thin, "walked"),
+        (spurious, RED, 1.3 * thin, "spurious"),
     ):
         if some.any():
             label = f"{some.sum():,} edges {name}"
@@ -130,7 +200,7 @@ def draw_leg(
     places, path = np.asarray(waypoints, float), np.asarray(walked, float)
     joined = places[np.asarray(edges, int).reshape(-1, 2)]
     add_lines(axes, joined, _EDGE, 0.5, label="edge", zorder=2.2)
-    add_dots(axes, places, 7, "waypoint", colour=_EDGE, edge=_EDGE, zorder=2.4)
+    add_dots(axes, places, 7, "waypoint", c=_EDGE, edgecolors=_EDGE, zorder=2.4)
     first = places[np.asarray(planned, int)]
     axes.plot(*first.T, color=GREEN, lw=2.4, ls="--", zorder=3.2, label="first plan")
     axes.plot(*path.T, color=AGENT, lw=1.8, alpha=0.9, zorder=3.6, label="walked")

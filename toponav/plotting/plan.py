@@ -16,18 +16,18 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
 from toponav.plotting.style import (
     BLUE,
+    CENTRED,
     GREEN,
     INK,
     ORANGE,
     RED,
     YELLOW,
     add_heading,
-    add_text,
     new_figure,
 )
 
@@ -46,15 +46,6 @@ _FLOOR_COLOURS = LinearSegmentedColormap.from_list("maze", [WALL, FLOOR])
 class FloorPlan:
     """A layout with what stands in it; ``axes.legend()`` names the marks.
 
-    Args:
-        open_mask: bool ``[rows, cols]``, true where the layout has floor.
-        cell_size: side of a cell in map units, `Motion.cell_size`.
-        slots: row and column of each slot, by its letter.
-        closed: letters of the slots that are closed.
-        start: x and y in map units and heading in degrees.
-        goal: row and column of the goal.
-        apples: row and column of each apple.
-
     Examples:
         >>> mask = np.array([[False, True, True, False]])
         >>> plan = FloorPlan(mask, cell_size=10.0, slots={"a": (0, 2)}, closed="a")
@@ -62,13 +53,14 @@ class FloorPlan:
         (np.float64(0.0), np.float64(40.0))
     """
 
-    open_mask: ArrayLike
+    open_mask: ArrayLike  # bool [rows, cols], true where the layout has floor
     _: KW_ONLY
-    cell_size: float
+    cell_size: float  # side of a cell in map units, `Motion.cell_size`
+    # Row and column of each slot, by its letter, and which of them are closed.
     slots: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     closed: Collection[str] = ()
-    start: tuple[float, float, float] | None = None
-    goal: tuple[int, int] | None = None
+    start: tuple[float, float, float] | None = None  # x, y and heading in degrees
+    goal: tuple[int, int] | None = None  # row and column
     apples: Sequence[tuple[int, int]] = ()
 
     def __post_init__(self) -> None:
@@ -105,25 +97,24 @@ class FloorPlan:
             self._draw_slot(axes, letter, self.centre(cell))
         marks: dict[str, Any] = {"edgecolors": INK, "zorder": 5}
         if self.apples:
-            places = np.array([self.centre(cell) for cell in self.apples])
-            axes.scatter(places[:, 0], places[:, 1], 40, APPLE, label="apple", **marks)
+            x, y = zip(*map(self.centre, self.apples), strict=True)
+            axes.scatter(x, y, 40, APPLE, label="apple", **marks)
         if self.goal is not None:
-            x, y = self.centre(self.goal)
-            axes.scatter(x, y, 170, GOAL, marker="*", label="goal", **marks)
+            place = self.centre(self.goal)
+            axes.scatter(*place, 170, GOAL, marker="*", label="goal", **marks)
         if self.start is not None:
             draw_agent(axes, self.start[:2], self.start[2], colour=START, label="start")
 
     def _set_up_axes(self, axes: Axes) -> None:
-        floor, (width, height) = self.floor, self.size
-        look: dict[str, Any] = {"cmap": _FLOOR_COLOURS, "vmin": 0, "vmax": 1}
-        self.show_cells(axes, floor, **look)
+        width, height = self.size
+        self.show_cells(axes, self.floor, cmap=_FLOOR_COLOURS, vmin=0, vmax=1)
         axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", facecolor=WALL)
         axes.set(xlabel="x (cells)", ylabel="y (cells)")
-        side = max(floor.shape)
+        side = max(self.floor.shape)
         every = 1 if side <= 8 else math.ceil(side / 16) * 2
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(MultipleLocator(every * self.cell_size))
-            axis.set_major_formatter(FuncFormatter(self._in_cells))
+            axis.set_major_formatter(lambda at, _: f"{at / self.cell_size:.0f}")
             axis.set_minor_locator(MultipleLocator(self.cell_size))
         # A hair line between neighbouring cells gives the scale.
         axes.grid(which="minor", color=WALL, alpha=0.12, linewidth=0.6)
@@ -137,21 +128,16 @@ class FloorPlan:
         extent = (0, width, 0, height)
         return axes.imshow(values, extent=extent, interpolation="nearest", **look)
 
-    def _in_cells(self, place: float, _position: int | None) -> str:
-        return f"{place / self.cell_size:.0f}"
-
     def _draw_slot(self, axes: Axes, letter: str, centre: tuple[float, float]) -> None:
-        side = self.cell_size
-        corner = (centre[0] - side / 2, centre[1] - side / 2)
-        patch = Rectangle(corner, side, side, linewidth=1.4, zorder=2)
-        box = None
+        side, box = self.cell_size, None
+        look: dict[str, Any] = {"fc": "none", "ec": CLOSED, "ls": "--"}
         if letter in self.closed:
-            patch.set(facecolor=CLOSED, edgecolor=INK, hatch="////")
+            look = {"fc": CLOSED, "ec": INK, "hatch": "////"}
             box = {"boxstyle": "circle,pad=0.15", "fc": "white", "ec": "none"}
-        else:
-            patch.set(facecolor="none", edgecolor=CLOSED, linestyle="--")
-        axes.add_patch(patch)
-        add_text(axes, *centre, letter, bbox=box, color=INK, weight="bold", zorder=5)
+        corner = (centre[0] - side / 2, centre[1] - side / 2)
+        axes.add_patch(Rectangle(corner, side, side, lw=1.4, zorder=2, **look))
+        look = {"color": INK, "weight": "bold", "zorder": 5, "bbox": box}
+        axes.text(*centre, letter, CENTRED, **look)
 
 
 def figure_of_plan(
@@ -180,51 +166,34 @@ def draw_trajectory(
     *,
     label: str,
     jump: float,
-    limits: tuple[float, float] | None = None,
+    limits: tuple[float, float],
 ) -> None:
-    """Draw a trajectory, coloured by one value per point, and its colour bar.
+    """Draw a trajectory ``[T, 2]``, coloured by a value per point, and its colour bar.
 
-    Args:
-        axes: with a `FloorPlan`.
-        positions: ``[T, 2]`` in map units, ``T >= 2``.
-        values: ``[T]``; a step has the colour of the point where it ends.
-        label: of the colour bar: what the value is, with its unit.
-        jump: longer steps, in map units, are not drawn.
-        limits: values at the two ends of the colours; the extremes by default.
+    A step has the colour of the point where it ends; steps longer than ``jump`` map
+    units are not drawn. ``limits`` are the values at the two ends of the colours.
     """
-    points, colours = np.asarray(positions, float), np.asarray(values, float)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-        raise ValueError(f"positions must be [T >= 2, 2], got {points.shape}")
-    if colours.shape != points.shape[:1]:
-        raise ValueError(f"values must be [{len(points)}], got {colours.shape}")
+    points = np.asarray(positions, float)
     steps = np.stack([points[:-1], points[1:]], axis=1)
-    kept = np.linalg.norm(points[1:] - points[:-1], axis=1) <= jump
+    kept = np.linalg.norm(np.diff(points, axis=0), axis=1) <= jump
     segments = list(steps[kept])
-    ends: dict[str, Any] = {"capstyle": "round"}
-    casing = LineCollection(segments, colors="white", linewidths=3.6, zorder=3, **ends)
-    line = LineCollection(
-        segments, cmap=VALUE_COLOURS, linewidths=2.0, zorder=4, **ends
-    )
-    line.set_array(colours[1:][kept])
-    line.set_clim(*(limits or (colours.min(), colours.max())))
+    look: dict[str, Any] = {"colors": "white", "linewidths": 3.6, "zorder": 3}
+    casing = LineCollection(segments, capstyle="round", **look)
+    look = {"cmap": VALUE_COLOURS, "linewidths": 2.0, "zorder": 4}
+    line = LineCollection(segments, capstyle="round", **look)
+    line.set(array=np.asarray(values)[1:][kept], clim=limits)
     axes.add_collection(casing)
     axes.add_collection(line)
     axes.figure.colorbar(line, ax=axes, label=label, fraction=0.04, pad=0.03)
 
 
 def draw_agent(
-    axes: Axes,
-    position: ArrayLike,
-    heading: float,
-    *,
-    colour: str = AGENT,
-    label: str | None = None,
+    axes: Axes, position: ArrayLike, heading: float, *, colour: str, label: str
 ) -> None:
     """Draw an arrow head at x and y in map units; heading 0 is east, 90 north."""
-    x, y = np.asarray(position, float)
-    turn = math.radians(heading)
-    cos, sin = math.cos(turn), math.sin(turn)
+    cos, sin = math.cos(math.radians(heading)), math.sin(math.radians(heading))
     corners = np.array([[1.0, 0.0], [-0.8, 0.75], [-0.4, 0.0], [-0.8, -0.75]])
     marker = MarkerStyle(corners @ [[cos, sin], [-sin, cos]])
     look: dict[str, Any] = {"edgecolors": "white", "linewidths": 0.8, "zorder": 6}
+    x, y = np.asarray(position, float)
     axes.scatter(x, y, s=230, c=colour, marker=marker, label=label, **look)

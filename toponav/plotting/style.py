@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from toponav.runs import replacing
 
@@ -20,21 +20,16 @@ PALETTE = (BLUE, ORANGE, GREEN, RED, PINK, SKY)
 MARKS = "os^Dvp"
 DASHES = ("-", "--", ":", "-.")
 
+CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
 TITLE, HEADING, TEXT, SMALL = 11.0, 10.0, 8.5, 7.5
 LINE, THIN = 1.8, 1.2
-LEGEND: dict[str, Any] = {
-    "fontsize": SMALL,
-    "title_fontsize": SMALL,
-    "alignment": "left",
-    "frameon": False,
-}
+LEGEND: dict[str, Any] = {"fontsize": SMALL, "title_fontsize": SMALL}
+LEGEND |= {"alignment": "left", "frameon": False}
 
 
-def new_figure(
-    width: float, height: float, *, title: str = "", dpi: float = 110
-) -> Figure:
+def new_figure(width: float, height: float, *, title: str = "") -> Figure:
     """A figure in inches without a window; `save_figure` writes it."""
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=dpi)
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
     if title:
         figure.suptitle(title, fontsize=TITLE, color=INK)
     return figure
@@ -45,13 +40,19 @@ def add_heading(axes: Axes, text: str) -> None:
     axes.set_title(text, loc="left", fontsize=HEADING)
 
 
-def add_text(axes: Axes, x: float, y: float, text: str, **style: Any) -> None:
-    """Write around the middle of a point."""
-    axes.text(x, y, text, **{"ha": "center", "va": "center", **style})
+def style_axes(
+    axes: Axes,
+    *,
+    title: str = "",
+    x: str = "",
+    y: str = "",
+    legend: Any = "best",
+    note: str | None = None,
+) -> None:
+    """Finish a panel: its title, labels ``x`` and ``y``, a light grid, no box.
 
-
-def style_axes(axes: Axes, *, title: str = "", x: str = "", y: str = "") -> None:
-    """Give a panel its title, its labels, a light grid and no box."""
+    What it shows is named where ``legend`` says, under ``note``; not with ``None``.
+    """
     if title:
         add_heading(axes, title)
     axes.set_xlabel(x, fontsize=TEXT)
@@ -60,22 +61,17 @@ def style_axes(axes: Axes, *, title: str = "", x: str = "", y: str = "") -> None
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def add_legend(axes: Axes, *, title: str = "", loc: Any = "best") -> None:
-    """Name what a panel shows, or say that it shows nothing."""
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(title=title or None, loc=loc, **LEGEND)
-    else:
-        look = {"fontsize": TEXT, "color": GREY, "transform": axes.transAxes}
-        add_text(axes, 0.5, 0.5, "nothing to show", **look)
+    if legend and axes.get_legend_handles_labels()[0]:
+        axes.legend(title=note, loc=legend, **LEGEND)
+    elif legend:
+        look: dict[str, Any] = {"size": TEXT, "color": GREY, **CENTRED}
+        axes.text(0.5, 0.5, "nothing to show", transform=axes.transAxes, **look)
 
 
 def add_legend_below(axes: Axes, distance: float = 0.08) -> None:
     """Name what a plan shows in rows below it."""
     look: dict[str, Any] = {"fontsize": TEXT, "frameon": False, "labelcolor": INK}
-    place = (0.5, -distance)
-    axes.legend(loc="upper center", bbox_to_anchor=place, ncols=4, **look)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -distance), ncols=4, **look)
 
 
 def add_levels(axes: Axes, levels: dict[str, float]) -> None:
@@ -86,34 +82,20 @@ def add_levels(axes: Axes, levels: dict[str, float]) -> None:
 
 
 def add_dots(
-    axes: Axes,
-    places: np.ndarray,
-    size: float,
-    label: str,
-    *,
-    colour: str = WHITE,
-    edge: str = INK,
-    **style: Any,
+    axes: Axes, places: np.ndarray, size: float, label: str, **style: Any
 ) -> None:
     """Dots at ``[N, 2]``."""
-    look: dict[str, Any] = {"c": colour, "edgecolors": edge, "linewidths": 0.6}
+    look: dict[str, Any] = {"c": WHITE, "edgecolors": INK, "linewidths": 0.6}
     x, y = places[:, :2].T
     axes.scatter(x, y, s=size, label=label, **{"zorder": 5, **look, **style})
 
 
 def add_lines(
-    axes: Axes,
-    ends: np.ndarray,
-    colour: str,
-    width: float,
-    *,
-    label: str | None = None,
-    zorder: float = 3,
+    axes: Axes, ends: np.ndarray, colour: str, width: float, **style: Any
 ) -> None:
     """Straight lines between points, ``[N, 2, 2]``."""
     look: dict[str, Any] = {"colors": colour, "linewidths": width, "alpha": 0.8}
-    label = label or "_lines"
-    axes.add_collection(LineCollection(list(ends), zorder=zorder, label=label, **look))
+    axes.add_collection(LineCollection(list(ends), **{"zorder": 3, **look, **style}))
 
 
 def show_percent(axes: Axes) -> None:
@@ -123,16 +105,15 @@ def show_percent(axes: Axes) -> None:
 
 
 def show_thousands(axes: Axes) -> None:
-    """Show the horizontal axis, of decisions, by `thousands`."""
-    axes.xaxis.set_major_formatter(FuncFormatter(thousands))
+    """Show the horizontal axis, of decisions, such as 150 k or 2.5 M."""
+
+    def thousands(value: float, _position: float) -> str:
+        if abs(value) >= 1e6:
+            return f"{value / 1e6:g} M"
+        return f"{value / 1e3:g} k" if abs(value) >= 1e3 else f"{value:g}"
+
+    axes.xaxis.set_major_formatter(thousands)
     axes.xaxis.set_major_locator(MaxNLocator(5))
-
-
-def thousands(value: float, _position: int | None = None) -> str:
-    """A number of decisions for an axis, such as 150 k or 2.5 M."""
-    if abs(value) >= 1e6:
-        return f"{value / 1e6:g} M"
-    return f"{value / 1e3:g} k" if abs(value) >= 1e3 else f"{value:g}"
 
 
 def save_figure(figure: Figure, path: Path | str, *, dpi: float = 120) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -16,38 +16,34 @@ from toponav.plotting.style import (
     LINE,
     MARKS,
     PALETTE,
-    add_legend,
     add_levels,
     new_figure,
     show_thousands,
     style_axes,
 )
 
-_GRID = 200
+_BAND = "line: mean, band: worst to best run"
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A group of runs: of each the decisions, ascending, and the values, ``[N]``."""
+#: Of each run of a group the decisions, ascending, and the values, ``[N]``.
+Runs = Sequence[tuple[Floats, Floats]]
 
-    label: str
-    runs: Sequence[tuple[Floats, Floats]]
 
-    def band(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Decisions that all runs cover, and there mean, least and largest value."""
-        known = [(x[np.isfinite(y)], y[np.isfinite(y)]) for x, y in self.runs]
-        known = [(x, y) for x, y in known if len(x)]
-        if not known:
-            return (np.empty(0),) * 4
-        first = max(x[0] for x, _ in known)
-        last = min(x[-1] for x, _ in known)
-        grid = np.linspace(first, last, _GRID) if first <= last else np.empty(0)
-        values = np.stack([np.interp(grid, x, y) for x, y in known])
-        return grid, values.mean(0), values.min(0), values.max(0)
+def band(runs: Runs) -> tuple[Floats, Floats, Floats, Floats]:
+    """Decisions that all runs cover, and there mean, least and largest value."""
+    known = [(x[np.isfinite(y)], y[np.isfinite(y)]) for x, y in runs]
+    known = [(x, y) for x, y in known if len(x)]
+    if not known:
+        return (np.empty(0),) * 4
+    first = max(x[0] for x, _ in known)
+    last = min(x[-1] for x, _ in known)
+    grid = np.linspace(first, last, 200) if first <= last else np.empty(0)
+    values = np.stack([np.interp(grid, x, y) for x, y in known])
+    return grid, values.mean(0), values.min(0), values.max(0)
 
 
 def draw_learning_curves(
-    panels: Mapping[str, Sequence[Curve]],
+    panels: Mapping[str, Mapping[str, Runs]],
     levels: Mapping[str, Mapping[str, float]],
     *,
     label: str,
@@ -55,51 +51,40 @@ def draw_learning_curves(
 ) -> Figure:
     """Draw the mean of each group of runs and a band from its worst to its best run.
 
-    Args:
-        panels: the groups of each panel, by the panel's title.
-        levels: by panel, values to mark with a line across it, by name.
-        label: of the vertical axis.
-        title: over the picture.
+    Groups are by panel and name, and so are ``levels``, values to mark with a line
+    across; ``label`` stands at the vertical axis.
 
     Examples:
         >>> x, y = np.arange(3.0), np.array([40.0, 60.0, 80.0])
-        >>> curve = Curve("alpha 0.2", [(x, y), (x, y + 10)])
-        >>> figure = draw_learning_curves(
-        ...     {"maze3": [curve]}, {"maze3": {"random": 42.0}}, label="coverage (%)"
-        ... )
+        >>> panels = {"maze3": {"alpha 0.2": [(x, y), (x, y + 10)]}}
+        >>> figure = draw_learning_curves(panels, {}, label="coverage (%)")
         >>> [line.get_label() for line in figure.axes[0].lines]
-        ['alpha 0.2 (2 runs)', 'random 42.0']
+        ['alpha 0.2 (2 runs)']
     """
     figure, grid = _new_grid(len(panels), title)
-    for axes, (heading, curves) in zip(grid, panels.items(), strict=True):
-        for number, curve in enumerate(curves):
-            colour = PALETTE[number % len(PALETTE)]
-            x, middle, low, high = curve.band()
-            count = f"{len(curve.runs)} run{'s' * (len(curve.runs) > 1)}"
-            name = f"{curve.label} ({count})" if curve.label else count
+    for axes, (heading, groups) in zip(grid, panels.items(), strict=True):
+        for (name, runs), colour in zip(groups.items(), cycle(PALETTE), strict=False):
+            x, middle, low, high = band(runs)
+            count = f"{len(runs)} run{'s' * (len(runs) > 1)}"
+            name = f"{name} ({count})" if name else count
             axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(x, middle, color=colour, linewidth=LINE, label=name)
         marked = levels.get(heading, {})
         add_levels(axes, {f"{name} {at:.1f}": at for name, at in marked.items()})
-        style_axes(axes, title=heading, x="decisions of the training", y=label)
         axes.set_xlim(left=0)
         axes.set_ylim(0, 102)
         show_thousands(axes)
-        add_legend(axes, title="line: mean, band: worst to best run", loc="lower right")
+        labels = {"x": "decisions of the training", "y": label, "note": _BAND}
+        style_axes(axes, title=heading, legend="lower right", **labels)
     return figure
 
 
 def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> Figure:
     """Draw values over a swept setting: a dot a run, and their means.
 
-    Numbers that span more than a factor of ten get a logarithmic axis.
-
-    Args:
-        values: a row a run, with the columns ``panel`` and ``line`` (their names),
-            ``at`` (the setting, as text) and ``value``.
-        x: name of the setting.
-        label: of the vertical axis.
-        title: over the picture.
+    Numbers that span more than a factor of ten get a logarithmic axis. ``values`` has
+    a row a run: ``panel`` and ``line`` (their names), ``at`` (the setting ``x``, as
+    text) and ``value``; ``label`` stands at the vertical axis.
 
     Examples:
         >>> rows = [("", "TC", "2", 81.0), ("", "TC", "2", 83.0), ("", "TC", "4", 92.0)]
@@ -113,40 +98,32 @@ def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> 
     for axes in grid[1:]:
         axes.sharey(grid[0])
     for axes, (heading, panel) in zip(grid, panels, strict=True):
-        names = list(panel["at"].unique())
-        numbers = pd.to_numeric(pd.Series(names), errors="coerce")
-        are_numbers = bool(numbers.notna().all())
-        if not are_numbers:
+        names = panel["at"].unique()
+        places = pd.to_numeric(pd.Series(names, index=names), errors="coerce")
+        # Between names there is nothing that a line could show.
+        dashes = "-" if places.notna().all() else ""
+        if not dashes:
             # From 0, so that no axis of names is logarithmic.
-            numbers = pd.Series(range(len(names)))
-        places = dict(zip(names, numbers, strict=True))
-        for number, (line, runs) in enumerate(panel.groupby("line", sort=False)):
-            look: dict[str, Any] = {
-                "color": PALETTE[number % len(PALETTE)],
-                "marker": MARKS[number % len(MARKS)],
-            }
-            means = runs.groupby("at", sort=False)["value"].mean()
-            count = int(runs.groupby("at").size().max())
-            axes.plot(
-                [places[at] for at in means.index],
-                means,
-                markersize=5,
-                # Between names there is nothing that a line could show.
-                linestyle="-" if are_numbers else "",
-                label=f"{line}, mean of {count} run{'s' * (count > 1)}",
-                **look,
-            )
+            places[:] = range(len(names))
+        looks = zip(cycle(PALETTE), cycle(MARKS), strict=False)
+        lines = panel.groupby("line", sort=False)
+        for (line, runs), (colour, mark) in zip(lines, looks, strict=False):
+            look: dict[str, Any] = {"color": colour, "marker": mark}
+            points = runs.groupby("at", sort=False)["value"].agg(["mean", "size"])
+            count = int(points["size"].max())
+            name = f"{line}, mean of {count} run{'s' * (count > 1)}"
+            look |= {"label": name, "linestyle": dashes, "markersize": 5}
+            axes.plot(places[points.index], points["mean"], **look)
             if count > 1:
-                at = runs["at"].map(places)
-                axes.scatter(at, runs["value"], s=14, alpha=0.35, **look)
+                look = {"color": colour, "marker": mark, "s": 14, "alpha": 0.35}
+                axes.scatter(runs["at"].map(places), runs["value"], **look)
         style_axes(axes, title=str(heading), x=x, y=label)
-        if 0 < 10 * numbers.min() < numbers.max():
+        if 0 < 10 * places.min() < places.max():
             axes.set_xscale("log")
             axes.xaxis.set_minor_locator(NullLocator())
-        axes.set_xticks(list(places.values()), names)
+        axes.set_xticks(places, names)
         if max(map(len, names)) * len(names) > 40:
             axes.tick_params(axis="x", labelrotation=30)
-        add_legend(axes)
     return figure
 
 

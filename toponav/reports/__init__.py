@@ -1,21 +1,17 @@
 """Tables and pictures of runs."""
 
 from toponav.reports.exploration_evaluation import (
-    Evaluation as Evaluation,
     evaluate_policies as evaluate_policies,
     make_baselines as make_baselines,
     summarize_evaluation as summarize_evaluation,
-    write_evaluation as write_evaluation,
-)
-from toponav.reports.exploration_pictures import (
     write_episode_video as write_episode_video,
+    write_evaluation as write_evaluation,
 )
 from toponav.reports.exploration_report import (
     ExplorationReport as ExplorationReport,
     Timer as Timer,
 )
 from toponav.reports.navigation_evaluation import (
-    NavigationEpisodes as NavigationEpisodes,
     episode_table as episode_table,
     markdown_summary as markdown_summary,
     play_policies as play_policies,
@@ -26,17 +22,14 @@ from toponav.reports.navigation_pictures import (
     write_success as write_success,
     write_walk as write_walk,
 )
-from toponav.reports.navigation_report import report_navigation as report_navigation
-from toponav.reports.network_report import (
-    make_truth as make_truth,
-    summarize as summarize,
-    write_reports as write_reports,
-)
-from toponav.reports.pretraining_curves import (
+from toponav.reports.pretraining_report import (
     progress_figures as progress_figures,
+    summarize as summarize,
     write_measurements as write_measurements,
+    write_reports as write_reports,
 )
 from toponav.reports.sweep_report import (
     report_exploration as report_exploration,
+    report_navigation as report_navigation,
     report_pretraining as report_pretraining,
 )

@@ -1,34 +1,31 @@
 """Episodes by which an exploration is judged, with blind baselines beside."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import torch
+import pandas as pd
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from tqdm import tqdm
+from torch import Tensor
 
-from toponav.builders import (
-    World,
-    collect_rollout,
-    for_inference,
-    make_walk_policy,
-    seed_of,
-)
+from toponav.builders import World, for_inference, make_walk_policy, seed_of
 from toponav.config import ExploreConfig
+from toponav.ground_truth import require_motion
 from toponav.keys import (
     CELL,
-    COUNT_REWARD,
     COVERAGE,
     DECISIONS_TO_COVERAGE,
     HEADING,
     IS_NEW_WAYPOINT,
     POSITION,
     SPURIOUS_WAYPOINT,
-    TEMPORAL_DISTANCE_REWARD,
 )
+from toponav.metrics import trace_episode
+from toponav.plotting import FloorPlan, explored_frames, write_video
+from toponav.reports.episodes import play_episodes
 from toponav.runs import write_history
 from toponav.training import (
     BASELINES,
@@ -39,10 +36,10 @@ from toponav.training import (
     mean_of,
 )
 
-# Environments side by side at most.
-_MAX_ENVS = 32
 # Apart from the seeds of training.
 _EVALUATION = 77
+# Decisions from frame to frame of a video.
+_EVERY = 6
 #: What is kept of each decision where it is there, for tables and pictures.
 _KEPT: list[NestedKey] = [
     POSITION,
@@ -57,19 +54,12 @@ _KEPT: list[NestedKey] = [
 
 @dataclass
 class Evaluation:
-    """Episodes of one policy.
-
-    Args:
-        policy: its name.
-        episodes: ``[N, T]`` decisions with poses, coverage, waypoints and rewards.
-        views: uint8 ``[T + 1, H, W, 3]``; what was seen in the first one.
-        reward_key: of the reward that the explorer learned from.
-    """
+    """Episodes of one policy."""
 
     policy: str
-    episodes: TensorDictBase
-    views: torch.Tensor
-    reward_key: NestedKey
+    episodes: TensorDictBase  # [N, T] decisions: poses, coverage, waypoints, reward
+    views: Tensor  # uint8 [T + 1, H, W, 3]; what was seen in the first one
+    reward_key: NestedKey  # of the reward that the explorer learned from
 
     def mean(self, column: str) -> float:
         """Mean of a column of `rows`."""
@@ -78,34 +68,22 @@ class Evaluation:
     def rows(self) -> list[Row]:
         """A row of ``evaluation.csv`` for each episode."""
         later = self.episodes.get("next")
-        returns = later.get(self.reward_key).sum(1).flatten().tolist()
-        return [
-            {
-                "policy": self.policy,
-                "seed": number,
-                **_coverage(later[number, -1]),
-                "intrinsic_return": returns[number],
-            }
-            for number in range(len(later))
-        ]
-
-
-def _coverage(last: TensorDictBase) -> Row:
-    """Coverage after an episode, and the decisions it took, where that is known."""
-    coverage = last.get(COVERAGE, None)
-    if coverage is None:
-        return {}
-    names = [f"decisions_to_{round(100 * level)}" for level in COVERAGE_LEVELS]
-    decisions = last.get(DECISIONS_TO_COVERAGE).tolist()
-    return {"coverage": float(coverage), **dict(zip(names, decisions, strict=True))}
+        last = later[:, -1]
+        table = pd.DataFrame({"policy": self.policy, "seed": range(len(later))})
+        if (coverage := last.get(COVERAGE, None)) is not None:
+            table["coverage"] = coverage.flatten().tolist()
+            names = [f"decisions_to_{round(100 * level)}" for level in COVERAGE_LEVELS]
+            table[names] = last.get(DECISIONS_TO_COVERAGE).tolist()
+        table["intrinsic_return"] = later.get(self.reward_key).sum(1).flatten().tolist()
+        rows: list[Row] = table.to_dict("records")
+        return rows
 
 
 def make_baselines(world: World, *, seed: int) -> dict[str, TensorDictModuleBase]:
     """Policies that see nothing: uniform, and one that mostly repeats its action."""
-    kinds = {"random": "uniform", "sticky": "sticky"}
     return {
-        name: make_walk_policy(kind, world.spec, seed=seed)
-        for name, kind in kinds.items()
+        "random": make_walk_policy("uniform", world.spec, seed=seed),
+        "sticky": make_walk_policy("sticky", world.spec, seed=seed),
     }
 
 
@@ -115,16 +93,10 @@ def evaluate_policies(
     explorer: Explorer,
     policies: Mapping[str, TensorDictModuleBase],
 ) -> list[Evaluation]:
-    """Play whole episodes, with actions sampled as in training.
+    """Play whole episodes, the same for all; the explorer's reward is computed.
 
-    All policies meet the same episodes. The blind baselines play
-    ``evaluate.random_episodes``, the others ``evaluate.episodes``.
-
-    Args:
-        settings: of the run.
-        world: where they play.
-        explorer: its reward is computed along the way.
-        policies: who plays, by name.
+    The blind baselines play ``evaluate.random_episodes``, the others
+    ``evaluate.episodes``.
 
     Raises:
         EngineError: if the engine cannot start.
@@ -134,40 +106,24 @@ def evaluate_policies(
         name: evaluate.random_episodes if name in BASELINES else evaluate.episodes
         for name in policies
     }
-    rows = min(max(wanted.values()), _MAX_ENVS)
     explorer = copy.deepcopy(explorer)
     if explorer.novelty is not None:
         for_inference(explorer.novelty, settings.model)
-    env = make_explore_env(settings, world, explorer, envs=rows, seed=0)
-    rounds = {name: -(-number // rows) for name, number in wanted.items()}
-    total = sum(rounds.values()) * rows * length
     reward = explorer.reward.reward_key
-    keep_next = [*_KEPT, reward, COUNT_REWARD, TEMPORAL_DISTANCE_REWARD]
-    found = []
-    with tqdm(total=total, unit="decision", desc="evaluate") as bar:
-        try:
-            for name, policy in policies.items():
-                bar.set_description(f"evaluate {name}")
-                # The same episodes for each: they follow from seed and row.
-                env.set_seed(seed_of(settings.seed, _EVALUATION))
-                torch.manual_seed(seed_of(settings.seed, _EVALUATION, 1))
-                played = [
-                    collect_rollout(
-                        env,
-                        policy,
-                        length,
-                        keep=_KEPT,
-                        keep_next=keep_next,
-                        views=length + 1,
-                        progress=bar.update,
-                    )
-                    for _ in range(rounds[name])
-                ]
-                episodes = torch.cat([one.frames for one in played])[: wanted[name]]
-                found.append(Evaluation(name, episodes, played[0].views, reward))
-        finally:
-            env.close()
-    return found
+    played = play_episodes(
+        lambda envs: make_explore_env(settings, world, explorer, envs=envs, seed=0),
+        policies,
+        wanted,
+        length,
+        seed=seed_of(settings.seed, _EVALUATION),
+        action_seed=seed_of(settings.seed, _EVALUATION, 1),
+        keep=_KEPT,
+        keep_next=[*_KEPT, reward],
+        views=length + 1,
+    )
+    return [
+        Evaluation(name, one.frames, one.views, reward) for name, one in played.items()
+    ]
 
 
 def write_evaluation(
@@ -193,34 +149,48 @@ def summarize_evaluation(world: str, rows: list[Row]) -> str:
         maze3: best policy covers 87.5 % of the maze (1 of 2 episodes reach 90 %, after
         400 decisions on average); random covers 40.0 % (0 of 1): 2.2 times as much
     """
-    names = list(dict.fromkeys(str(row["policy"]) for row in rows))
-    by_name = {name: [row for row in rows if row["policy"] == name] for name in names}
-    if "coverage" not in rows[0]:
-        returns = "; ".join(
-            f"{name} {mean_of(some, 'intrinsic_return'):.1f}"
-            for name, some in by_name.items()
-        )
-        return f"{world}: intrinsic return per episode: {returns}"
-    cover = {name: mean_of(some, "coverage") for name, some in by_name.items()}
-
-    def reached(name: str) -> list[Row]:
-        return [row for row in by_name[name] if row["decisions_to_90"] >= 0]
-
-    first = names[0]
-    soon = reached(first)
-    after = f", after {mean_of(soon, 'decisions_to_90'):,.0f} decisions on average"
-    others = "; ".join(
-        f"{name} covers {cover[name]:.1%} ({len(reached(name))} of "
-        f"{len(by_name[name])})"
-        + (
-            f": {cover[first] / cover[name]:.1f} times as much"
-            if name == "random" and cover[name]
-            else ""
-        )
-        for name in names[1:]
-    ).replace("%", " %")
-    return (
-        f"{world}: {first} policy covers {cover[first] * 100:.1f} % of the maze "
-        f"({len(soon)} of {len(by_name[first])} episodes reach 90 %"
-        f"{after if soon else ''}); {others}"
+    table = pd.DataFrame(rows)
+    if "coverage" not in table:
+        returns = table.groupby("policy", sort=False)["intrinsic_return"].mean()
+        texts = [f"{name} {value:.1f}" for name, value in returns.items()]
+        return f"{world}: intrinsic return per episode: {'; '.join(texts)}"
+    # NaN for an episode that did not get there.
+    table["soon"] = table["decisions_to_90"].where(table["decisions_to_90"] >= 0)
+    found = table.groupby("policy", sort=False).agg(
+        cover=("coverage", "mean"),
+        after=("soon", "mean"),
+        reached=("soon", "count"),
+        episodes=("soon", "size"),
     )
+    first, *others = found.itertuples()
+    after = f", after {first.after:,.0f} decisions on average" if first.reached else ""
+    text = (
+        f"{world}: {first.Index} policy covers {100 * first.cover:.1f} % of the maze "
+        f"({first.reached} of {first.episodes} episodes reach 90 %{after})"
+    )
+    for one in others:
+        text += f"; {one.Index} covers {100 * one.cover:.1f} % "
+        text += f"({one.reached} of {one.episodes})"
+        if one.Index == "random" and one.cover:
+            text += f": {first.cover / one.cover:.1f} times as much"
+    return text
+
+
+def write_episode_video(folder: Path, world: World, evaluation: Evaluation) -> None:
+    """Write ``episode.mp4``: the first episode of an evaluation, view beside plan.
+
+    Without ground truth there is no plan, and the video shows the views.
+    """
+    views = evaluation.views[::_EVERY].numpy()
+    frames: Iterable[Any] = views
+    if world.layout is not None:
+        trace = trace_episode(evaluation.episodes[0], reward=evaluation.reward_key)
+        frames = explored_frames(trace, views, plan=make_plan(world), every=_EVERY)
+    write_video(folder / "episode.mp4", frames)
+
+
+def make_plan(world: World) -> FloorPlan:
+    """The plan of a maze to draw on."""
+    assert world.layout is not None
+    cell_size = require_motion(world.spec).cell_size
+    return FloorPlan(world.layout.open_mask, cell_size=cell_size)

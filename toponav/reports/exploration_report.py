@@ -2,32 +2,31 @@
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
 
 from tqdm import tqdm
 
 from toponav.builders import NETWORKS, POLICY, Consumer, World
 from toponav.config import ExploreConfig
-from toponav.metrics import correlation
-from toponav.reports.exploration_pictures import write_map, write_training_curves
+from toponav.metrics import correlation, trace_episode
+from toponav.plotting import draw_exploration, draw_training, save_figure
+from toponav.reports.exploration_evaluation import make_plan
 from toponav.runs import make_loggers, write_history
 from toponav.training import EpisodeLog, ExplorationState, Row, mean_of
 
 #: Episodes over which return and coverage are correlated.
 _CORRELATED = 100
+_START = {"decisions": 0, "seconds": 0.0}
 
 
 class ExplorationReport:
     """Collects measurements, writes rows and pictures, and keeps the progress bar.
 
-    Args:
-        settings: of the run.
-        world: where it explores.
-        folder: the run folder.
-        state: counters and tables; rows are added to it.
-        consumers: of the batches; they write their files too. Among them is the log of
-            finished episodes.
+    Rows are added to ``state``. The consumers write their files too; among them is the
+    log of finished episodes.
     """
 
     def __init__(
@@ -55,25 +54,22 @@ class ExplorationReport:
             smoothing=0.05,
         )
         self._drawing = Timer(self.config.pictures_every_s)
-        self._means = Means()
+        #: Of each measurement, its values since the last row.
+        self._measured: defaultdict[str, list[float]] = defaultdict(list)
         self._ended: list[Row] = []
         self._lr = 0.0
 
     def update(self, measured: Mapping[str, float], decisions: int) -> None:
-        """Count a batch; write a row of metrics and pictures if it is time.
-
-        Args:
-            measured: losses and other figures of the batch.
-            decisions: of the batch.
-        """
+        """Count what was measured of a batch; write rows and pictures if it is time."""
         self._lr = measured.get("lr", self._lr)
-        self._means.add(measured)
+        for name, value in measured.items():
+            self._measured[name].append(value)
         self._ended += self.log.ended
         self.bar.update(decisions)
         is_last = self.state.progress == 1
-        last = self.state.history[-1]["decisions"] if self.state.history else 0
-        if is_last or self.state.decisions - last >= self.config.every:
-            self._write_row()
+        last = self.state.history[-1] if self.state.history else _START
+        if is_last or self.state.decisions - last["decisions"] >= self.config.every:
+            self._write_row(last)
         if is_last or self._drawing.is_due():
             self._draw()
 
@@ -81,9 +77,8 @@ class ExplorationReport:
         """Leave the progress bar as it is."""
         self.bar.close()
 
-    def _write_row(self) -> None:
+    def _write_row(self, last: Row) -> None:
         state, log = self.state, self.log
-        last = state.history[-1] if state.history else {"decisions": 0, "seconds": 0.0}
         seconds = max(state.seconds - last["seconds"], 1e-9)
         row: Row = {
             "decisions": state.decisions,
@@ -92,13 +87,19 @@ class ExplorationReport:
             "episodes": len(log.rows),
             **{name: mean_of(self._ended, name) for name in (*log.ends, *log.sums)},
             **_correlate(log.rows[-_CORRELATED:]),
-            **self._means.take(),
+            **{
+                name: fmean(values) if values else math.nan
+                for name, values in self._measured.items()
+            },
             # Of the last batch, not a mean.
             "lr": self._lr,
             "policy_version": state.versions.get(POLICY, 0),
             "networks_version": state.versions.get(NETWORKS, 0),
         }
         self._ended = []
+        # The names stay: every row has all columns.
+        for values in self._measured.values():
+            values.clear()
         state.history.append(row)
         for logger in self.loggers:
             named = {f"explore/{name}": value for name, value in row.items()}
@@ -109,15 +110,14 @@ class ExplorationReport:
         self.bar.set_postfix_str(format_progress(row))
 
     def _draw(self) -> None:
-        write_training_curves(
-            self.folder,
-            self.state.history,
-            self.log.rows,
-            levels=self.state.baselines,
-            title=self.world.name,
-        )
-        if self.log.last_episode is not None and self.world.layout is not None:
-            write_map(self.folder, self.world, self.log)
+        tables, levels = (self.log.rows, self.state.history), self.state.baselines
+        figure = draw_training(*tables, levels=levels, title=self.world.name)
+        save_figure(figure, self.folder / "curves.png")
+        last, reward = self.log.last_episode, self.log.sums["intrinsic_return"]
+        if last is not None and self.world.layout is not None:
+            trace = trace_episode(last, reward=reward)
+            figure = draw_exploration(trace, make_plan(self.world))
+            save_figure(figure, self.folder / "map.png")
         for consumer in self.consumers.values():
             consumer.write(self.folder)
 
@@ -140,26 +140,17 @@ def format_progress(row: Row) -> str:
         >>> format_progress({"coverage": 0.5, "intrinsic_return": 70.2})
         'coverage 50%, return 70'
     """
-    formats = {
-        "coverage": ("coverage", ".0%"),
-        "waypoints": ("waypoints", ".0f"),
-        "intrinsic_return": ("return", ".0f"),
-        "loss_objective": ("objective", ".3f"),
-        "loss_critic": ("critic", ".3f"),
-        "entropy": ("entropy", ".2f"),
-    }
+    formats = {"coverage": ".0%", "waypoints": ".0f", "intrinsic_return": ".0f"}
+    formats |= {"loss_objective": ".3f", "loss_critic": ".3f", "entropy": ".2f"}
     return ", ".join(
-        f"{label} {row[name]:{form}}"
-        for name, (label, form) in formats.items()
+        f"{name.removeprefix('loss_').removeprefix('intrinsic_')} {row[name]:{form}}"
+        for name, form in formats.items()
         if not math.isnan(row.get(name, math.nan))
     )
 
 
 class Timer:
-    """Says when it is time again.
-
-    Args:
-        seconds: from one time to the next.
+    """Says when so many seconds have passed again.
 
     Examples:
         >>> Timer(1e-9).is_due(), Timer(60).is_due()
@@ -177,32 +168,3 @@ class Timer:
             return False
         self._last = now
         return True
-
-
-class Means:
-    """Means of measurements, until they are taken.
-
-    Examples:
-        >>> means = Means()
-        >>> means.add({"loss": 1.0})
-        >>> means.add({"loss": 3.0})
-        >>> means.take(), means.take()
-        ({'loss': 2.0}, {'loss': nan})
-    """
-
-    def __init__(self) -> None:
-        self._values: dict[str, list[float]] = {}
-
-    def add(self, measured: Mapping[str, float]) -> None:
-        """Count one measurement."""
-        for name, value in measured.items():
-            self._values.setdefault(name, []).append(value)
-
-    def take(self) -> Row:
-        """The means since the last time; NaN where there was none."""
-        means = {
-            name: sum(values) / len(values) if values else math.nan
-            for name, values in self._values.items()
-        }
-        self._values = {name: [] for name in means}
-        return means

@@ -7,18 +7,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import torch
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from tqdm import tqdm
 
-from toponav.builders import (
-    GoalPlaces,
-    GroundTruth,
-    collect_rollout,
-    make_navigation_env,
-    seed_of,
-)
+from toponav.builders import GoalPlaces, GroundTruth, make_navigation_env, seed_of
 from toponav.config import NavigateConfig
 from toponav.graph import Map
 from toponav.keys import GOAL_VIEWS
@@ -38,10 +30,10 @@ from toponav.metrics import (
     success_weighted_by_length,
     trace_navigation,
 )
+from toponav.reports.episodes import play_episodes
 
 Row = dict[str, Any]
-# Mazes side by side at most; apart from the seeds of the walk for pictures.
-_MAX_ENVS = 32
+# Apart from the seeds of the walk for pictures.
 _EPISODES = 66
 #: Decisions within which success is reported.
 WITHIN = (250, 500, 1250, 5000)
@@ -49,23 +41,14 @@ WITHIN = (250, 500, 1250, 5000)
 
 @dataclass(frozen=True)
 class NavigationEpisodes:
-    """The episodes of one policy.
-
-    Args:
-        policy: its name.
-        trace: what happened.
-        legs: the table of `measure_legs`.
-        views: uint8 ``[V, H, W, 3]``; what the first episode showed at its beginning.
-        goal: uint8 ``[H, W, 3]``; the first picture of its goal.
-        map: on which the policy plans, if it plans on one.
-    """
+    """The episodes of one policy."""
 
     policy: str
     trace: NavigationTrace
-    legs: pd.DataFrame
-    views: Tensor
-    goal: Tensor
-    map: Map | None = None
+    legs: pd.DataFrame  # the table of `measure_legs`
+    views: Tensor  # uint8 [V, H, W, 3]; what the first episode showed at its beginning
+    goal: Tensor  # uint8 [H, W, 3]; the first picture of its goal
+    map: Map | None  # on which the policy plans, if it plans on one
 
 
 def play_policies(
@@ -79,45 +62,28 @@ def play_policies(
     Raises:
         EngineError: if the engine cannot start.
     """
-    wanted, length = config.evaluate.episodes, config.maze.episode_length
-    envs = min(wanted, _MAX_ENVS)
-    rounds = math.ceil(wanted / envs)
-    env = make_navigation_env(config, places, envs=envs, seed=0)
-    bar = tqdm(total=len(policies) * rounds * envs * length, unit="decision")
-    found = []
-    try:
-        for name, policy in policies.items():
-            bar.set_description(name)
-            # The same episodes for each: scenes follow from seed and row.
-            env.set_seed(seed_of(config.seed, _EPISODES))
-            parts = [
-                collect_rollout(
-                    env,
-                    policy,
-                    length,
-                    keep=TRACE_KEYS,
-                    keep_next=TRACE_NEXT_KEYS,
-                    views=config.video.decisions,
-                    progress=bar.update,
-                )
-                for _ in range(rounds)
-            ]
-            frames = torch.cat([part.frames for part in parts])[:wanted]
-            trace = trace_navigation(frames)
-            found.append(
-                NavigationEpisodes(
-                    name,
-                    trace,
-                    measure_legs(trace, truth.distances),
-                    views=parts[0].views,
-                    goal=parts[0].start[GOAL_VIEWS][0],
-                    map=getattr(policy, "map", None),
-                )
-            )
-    finally:
-        bar.close()
-        env.close()
-    return found
+    played = play_episodes(
+        lambda envs: make_navigation_env(config, places, envs=envs, seed=0),
+        policies,
+        dict.fromkeys(policies, config.evaluate.episodes),
+        config.maze.episode_length,
+        seed=seed_of(config.seed, _EPISODES),
+        keep=TRACE_KEYS,
+        keep_next=TRACE_NEXT_KEYS,
+        views=config.video.decisions,
+    )
+    traces = {name: trace_navigation(one.frames) for name, one in played.items()}
+    return [
+        NavigationEpisodes(
+            name,
+            traces[name],
+            measure_legs(traces[name], truth.distances),
+            views=one.views,
+            goal=one.start[GOAL_VIEWS][0],
+            map=getattr(policies[name], "map", None),
+        )
+        for name, one in played.items()
+    ]
 
 
 def episode_table(episodes: NavigationEpisodes) -> pd.DataFrame:
@@ -138,27 +104,18 @@ def episode_table(episodes: NavigationEpisodes) -> pd.DataFrame:
 
 
 def summary_row(
-    episodes: NavigationEpisodes,
-    truth: GroundTruth,
-    places: GoalPlaces,
-    *,
-    slow: int,
+    episodes: NavigationEpisodes, truth: GroundTruth, places: GoalPlaces, *, slow: int
 ) -> Row:
     """A row of ``summary.csv``: means with their 95 % intervals, and what went wrong.
 
-    Cuts and faults are of an agent with a map; they are left out for the others.
-
-    Args:
-        episodes: of one policy.
-        truth: about the maze.
-        places: where goals were.
-        slow: decisions to a goal beyond which the reason is looked for.
+    Faults are of an agent with a map, NaN for the others; ``slow`` is the number of
+    decisions to a goal beyond which the reason is looked for.
     """
     table, trace = episode_table(episodes), episodes.trace
     measured = {name: table[name] for name in ("goals", "reward", "spl", "replans")}
     first = table["first_goal"]
     for time in [t for t in WITHIN if t <= trace.decisions] or [trace.decisions]:
-        measured[f"success_{time}"] = (first >= 0) & (first <= time)
+        measured[f"success_{time}"] = first.between(0, time)
     row: Row = {"policy": episodes.policy, "episodes": len(trace)}
     for name, values in measured.items():
         found = bootstrap(values)
@@ -204,11 +161,8 @@ def markdown_summary(rows: Sequence[Row], *, title: str) -> str:
         | detour | 1.25               |
         <BLANKLINE>
     """
-    names = [
-        name
-        for name in rows[0]
-        if name != "policy" and not name.endswith(("_low", "_high"))
-    ]
+    ends = ("_low", "_high")
+    names = [name for name in rows[0] if name != "policy" and not name.endswith(ends)]
     table = pd.DataFrame({"": names})
     for row in rows:
         table[row["policy"]] = [_cell(row, name) for name in names]
@@ -216,9 +170,8 @@ def markdown_summary(rows: Sequence[Row], *, title: str) -> str:
 
 
 def _cell(row: Row, name: str) -> str:
-    middle, low, high = (
-        float(row.get(f"{name}{end}", math.nan)) for end in ("", "_low", "_high")
-    )
+    ends = (row.get(f"{name}{end}", math.nan) for end in ("", "_low", "_high"))
+    middle, low, high = map(float, ends)
     if math.isnan(middle):
         return ""
     if math.isnan(low) or low == high:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from toponav.builders import AgentKnowledge, GroundTruth
@@ -28,8 +27,7 @@ def write_success(
 ) -> None:
     """Draw ``success.png``: episodes that reached their goal, over the decisions."""
     first = {one.policy: first_goal(one.trace) for one in played}
-    decisions = played[0].trace.decisions
-    figure = draw_success(first, decisions=decisions, title=title)
+    figure = draw_success(first, decisions=played[0].trace.decisions, title=title)
     save_figure(figure, folder / "success.png")
 
 
@@ -43,26 +41,28 @@ def write_path(
 
     Without any that did, the first leg of the first episode.
     """
-    trace = episodes.trace
-    is_cut = trace.cut_from >= 0
+    trace, known = episodes.trace, knowledge.map
+
+    def cuts_of(leg: Any) -> np.ndarray:
+        span = (leg.episode, slice(leg.start, leg.end))
+        cuts = np.stack([trace.cut_from[span], trace.cut_to[span]], 1)
+        return cuts[cuts[:, 0] >= 0]
 
     def interest(leg: Any) -> tuple[bool, int, int]:
-        cuts = int(is_cut[leg.episode, leg.start : leg.end].sum())
-        return leg.reached, cuts, -leg.decisions
+        return leg.reached, len(cuts_of(leg)), -leg.decisions
 
     leg = max(find_legs(trace).itertuples(), key=interest)
-    span = (leg.episode, slice(leg.start, leg.end))
-    cuts = np.stack([trace.cut_from[span], trace.cut_to[span]], 1)[is_cut[span]]
+    cuts, reached = cuts_of(leg), "reached" if leg.reached else "not reached"
     figure = draw_leg(
-        trace.positions[span],
+        trace.positions[leg.episode, leg.start : leg.end],
         float(trace.headings[leg.episode, leg.start]),
         plan=_make_floor_plan(episodes, truth, leg.episode, leg.start),
         waypoints=truth.poses[:, :2],
-        edges=knowledge.map.edges[(knowledge.map.graph.traversals > 0).any(1)],
+        edges=known.edges[(known.graph.traversals > 0).any(1)],
         planned=_first_plan(episodes, leg),
         cuts=cuts,
-        title=f"episode {leg.episode}: {leg.decisions} decisions, "
-        f"{'reached' if leg.reached else 'not reached'}, {len(cuts)} cuts",
+        title=f"episode {leg.episode}: {leg.decisions} decisions, {reached}, "
+        f"{len(cuts)} cuts",
     )
     save_figure(figure, folder / "path.png")
 
@@ -75,7 +75,7 @@ def _make_floor_plan(
     slots = zip(layout.slots, trace.blocked[episode, decision], strict=True)
     row, column = trace.goal_cells[episode, decision].tolist()
     return FloorPlan(
-        torch.as_tensor(layout.open_mask),
+        layout.open_mask,
         cell_size=truth.distances.cell_size,
         slots=layout.slots,
         closed=[letter for letter, is_closed in slots if is_closed],
@@ -107,43 +107,28 @@ def write_walk(
     video: NavigateVideoConfig,
 ) -> None:
     """Write ``walk.mp4``: view, target, goal and plan as the first episode begins."""
-    trace = episodes.trace
+    trace, goal = episodes.trace, episodes.goal
     shown = min(len(episodes.views), trace.decisions)
+    targets: list[Tensor | None] = []
+    captions = []
+    goals = np.concatenate([[0], trace.reached[0].cumsum()])
+    cuts = (trace.cut_from[0] >= 0).cumsum()
+    for now in range(shown):
+        place, target = trace.place[0, now], trace.target[0, now]
+        captions.append(
+            f"decision {now}   goals {goals[now]}   place {place}   walks to {target}"
+            f"   cuts {cuts[now]}"
+        )
+        view = goal if target < 0 else knowledge.map.waypoints.images[target]
+        targets.append(None if trace.lost[0, now] or place < 0 else view)
     frames = navigated_frames(
         trace.positions[0, :shown],
         trace.headings[0, :shown],
         np.asarray(episodes.views[:shown]),
-        _target_views(episodes, knowledge.map.waypoints.images, shown),
-        episodes.goal,
+        targets,
+        goal,
         plan=_make_floor_plan(episodes, truth, 0, 0),
-        captions=_captions(episodes, shown),
+        captions=captions,
         height=video.height,
     )
     write_video(folder / f"walk.{video.format}", frames)
-
-
-def _target_views(
-    episodes: NavigationEpisodes, images: Tensor, shown: int
-) -> list[Tensor | None]:
-    """What the agent walked to: a waypoint's view, the goal's, nothing if lost."""
-    trace = episodes.trace
-    views: list[Tensor | None] = []
-    for decision in range(shown):
-        target = int(trace.target[0, decision])
-        if trace.lost[0, decision] or trace.place[0, decision] < 0:
-            views.append(None)
-        else:
-            views.append(episodes.goal if target < 0 else images[target])
-    return views
-
-
-def _captions(episodes: NavigationEpisodes, shown: int) -> list[str]:
-    trace = episodes.trace
-    goals = np.concatenate([[0], trace.reached[0].cumsum()])
-    cuts = (trace.cut_from[0] >= 0).cumsum()
-    return [
-        f"decision {decision}   goals {goals[decision]}   place "
-        f"{trace.place[0, decision]}   walks to {trace.target[0, decision]}   cuts "
-        f"{cuts[decision]}"
-        for decision in range(shown)
-    ]

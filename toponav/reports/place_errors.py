@@ -29,17 +29,11 @@ def place_errors(
 
     Some views of the first held-out episodes look among all views of these episodes.
 
-    Args:
-        validation: holds the networks.
-        distances: of the world.
-        held_out: its episodes.
-        min_gap: decisions between two visits of one episode.
-
     Returns:
         ``place_error``: any other view counts, those just before and after too;
-        ``place_error_revisit``: only views of another visit, as a map needs it;
-        ``place_error_far_sighted``: the same, of views that are no close-ups of a wall;
-        ``far_sighted``: their share.
+        ``place_error_revisit``: only views of another visit, ``min_gap`` decisions or
+        an episode apart, as a map needs it; ``place_error_far_sighted``: the same, of
+        views that are no close-ups of a wall; ``far_sighted``: their share.
     """
     num_views = min(held_out.num_episodes, -(-_MEMORY // held_out.length))
     num_views *= held_out.length
@@ -51,19 +45,19 @@ def place_errors(
 
     def distance(gap: int) -> Tensor:
         """To the most similar view at least so many decisions away, ``[Q]``."""
-        candidates = pair_candidates(
-            number // held_out.length,
-            number % held_out.length,
-            min_gap=gap,
-            rows=queries,
-        )
+        episode, step = number // held_out.length, number % held_out.length
+        candidates = pair_candidates(episode, step, min_gap=gap, rows=queries)
         best = most_similar(similarity, candidates)
         found = distances.geodesic(position[queries], position[best])
         return torch.where(best >= 0, found, torch.nan)
 
     limit = _OTHER_PLACE * distances.cell_size
     revisit = distance(min_gap)
-    far_sighted = _is_open_ahead(distances, position[queries], heading[queries])
+    angle = heading[queries].deg2rad()
+    step = _CLOSE_UP * distances.cell_size * torch.stack([angle.cos(), angle.sin()], -1)
+    cell = ((position[queries] + step) / distances.cell_size).long()
+    # Rows count from the top.
+    far_sighted = distances.open_mask.flip(0)[cell[:, 1], cell[:, 0]]
     return {
         "place_error": place_error(distance(1), limit=limit),
         "place_error_revisit": place_error(revisit, limit=limit),
@@ -72,22 +66,12 @@ def place_errors(
     }
 
 
-def _is_open_ahead(
-    distances: GroundTruthDistances, position: Tensor, heading: Tensor
-) -> Tensor:
-    angle = torch.deg2rad(heading)
-    step = _CLOSE_UP * distances.cell_size * torch.stack([angle.cos(), angle.sin()], -1)
-    column, up = ((position + step) / distances.cell_size).long().unbind(-1)
-    return distances.open_mask[len(distances.open_mask) - 1 - up, column]
-
-
 def _similarity(validation: Validation, pixels: Tensor, queries: Tensor) -> Tensor:
     tc = validation.networks.tc
     embeddings = validation.embed(tc.encoder, pixels)
     prepared = tc.prepare_memory(embeddings)
-    return torch.cat(
-        [
-            tc.compare_prepared(some, prepared.expand(len(some), -1, -1)).cpu()
-            for some in embeddings[queries].split(4)
-        ]
-    )
+    rows = [
+        tc.compare_prepared(some, prepared.expand(len(some), -1, -1)).cpu()
+        for some in embeddings[queries].split(4)
+    ]
+    return torch.cat(rows)

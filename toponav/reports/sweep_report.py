@@ -1,16 +1,19 @@
-"""From the run folders of a sweep to its tables and figures."""
+"""From the run folders of a sweep to its tables and figures.
+
+A report is made of runs of one recipe; ``title`` stands over its figure.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from toponav.metrics import Floats, Scores, decisions_to_reach, running_mean
-from toponav.plotting import Curve, draw_learning_curves, draw_sweep
+from toponav.plotting import draw_learning_curves, draw_sweep
 from toponav.runs import (
     BrokenRunError,
     Exploration,
@@ -18,6 +21,7 @@ from toponav.runs import (
     group_runs,
     read_exploration,
     read_pretraining,
+    read_table,
     swept_settings,
 )
 
@@ -29,35 +33,24 @@ WINDOW = 16
 _LEARNED = ("best", "last")
 # Policies that do not learn, and what the figure calls them.
 _SCRIPTED = {"random": "uniform random", "sticky": "sticky random"}
-_GOOD = 90.0
+_PAPER_PAIRS = "at k = 4, M = 5 (%)"
+# Groups of settings that say what is shown, not what a navigator or its maze is.
+_SHOWN = ("evaluate", "video")
 
 
 @dataclass(frozen=True)
 class SweepReport:
-    """What the runs of one recipe came to.
+    """What the runs of one recipe came to; no scores and no figure if none finished."""
 
-    Args:
-        subject: heading of the table's subjects: what a row is about.
-        unit: heading of the number of values.
-        scores: in the order of the rows; empty if no run has finished.
-        figure: of all runs; ``None`` if no run has finished.
-        left_out: a sentence for every run that is not in it.
-    """
-
-    subject: str
-    unit: str
-    scores: list[Scores] = field(default_factory=list)
-    figure: Figure | None = None
-    left_out: list[str] = field(default_factory=list)
+    subject: str  # heading of the table's subjects: what a row is about
+    unit: str  # heading of the number of values
+    scores: list[Scores]  # in the order of the rows
+    figure: Figure | None
+    left_out: list[str]  # a sentence for every run that is not in it
 
 
 def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
-    """Accuracies of the TC- and the L-network, by setting and maze.
-
-    Args:
-        runs: of ``recipes/pretrain.py``.
-        title: of the figure.
-    """
+    """Accuracies of the TC- and the L-network, by setting and maze."""
     results, left_out = read_all(runs, read_pretraining)
     names = swept_settings(runs)
     scores: list[Scores] = []
@@ -70,71 +63,47 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
                 Scores(settings, str(maze), "TC accuracy (%)", tc[:, None], more),
                 Scores(settings, str(maze), "L accuracy (%)", locomotion[:, None]),
             ]
-    figure = None
-    if scores:
-        figure = draw_scores(
-            scores,
-            names,
-            label="accuracy on held-out episodes (%)",
-            title=title,
-            line_of=_measure_of,
-            subject_name="in",
-        )
+    label = "accuracy on held-out episodes (%)"
+    figure = draw_scores(scores, names, line="measure", label=label, title=title)
     return SweepReport("measured in", "values", scores, figure, left_out)
-
-
-def _measure_of(score: Scores) -> str:
-    return score.measure.removesuffix(" (%)")
 
 
 def _other_shares(percent: pd.DataFrame) -> dict[str, float]:
     """Means over the runs, NaN where one of them lacks the value."""
-    labels = {
-        "pose_bound": "true poses (%)",
-        "tc_accuracy_k4_m5": "at k = 4, M = 5 (%)",
-    }
+    labels = {"pose_bound": "true poses (%)", "tc_accuracy_k4_m5": _PAPER_PAIRS}
     for name in percent.filter(like="waypoint_share_"):
         labels[name] = f"waypoints at {name.removeprefix('waypoint_share_')} (%)"
-    return {
-        label: float(percent[name].mean(skipna=False))
-        for name, label in labels.items()
-        if name in percent
-    }
+    known = [name for name in labels if name in percent]
+    return dict(percent[known].mean(skipna=False).rename(labels))
 
 
 def draw_scores(
     scores: Sequence[Scores],
     names: Sequence[str],
     *,
+    line: Literal["measure", "subject"],
     label: str,
     title: str,
-    line_of: Callable[[Scores], str],
-    subject_name: str | None = None,
-) -> Figure:
+) -> Figure | None:
     """Draw a dot a run over the setting with the most values; the others make panels.
 
-    Args:
-        scores: at least one; ``[R, E]`` or ``[N]`` each.
-        names: the swept settings.
-        label: of the vertical axis.
-        title: of the figure.
-        line_of: name of the line that a score belongs to.
-        subject_name: makes the subjects panels too, unless the horizontal axis shows
-            them already.
+    ``line`` is what a line is of. Where it is a measure, the subjects are panels too,
+    unless the horizontal axis shows them already. Without scores there is no figure.
     """
+    if not scores:
+        return None
     choices = {name: {one.settings[name] for one in scores} for name in names}
     x = max(names, key=lambda name: len(choices[name]), default="")
     subjects = {(one.settings.get(x), one.subject) for one in scores}
     # Where each run is measured in the one maze it was trained in, x says it.
-    if x == "maze" and len(subjects) == len(choices[x]):
-        subject_name = None
+    says_subject = x == "maze" and len(subjects) == len(choices[x])
     rows = []
     for one in scores:
-        panel = {} if subject_name is None else {subject_name: one.subject}
+        panel = {} if line == "subject" or says_subject else {"in": one.subject}
         panel |= {name: value for name, value in one.settings.items() if name != x}
-        at = one.settings.get(x, "all runs")
-        for value in np.atleast_2d(one.values).mean(axis=1):
-            rows.append((label_of(panel), line_of(one), at, value))
+        group = getattr(one, line).removesuffix(" (%)")
+        key = (label_of(panel), group, one.settings.get(x, "all runs"))
+        rows += [(*key, value) for value in np.atleast_2d(one.values).mean(axis=1)]
     values = pd.DataFrame(rows, columns=["panel", "line", "at", "value"])
     return draw_sweep(values, x=x, label=label, title=title)
 
@@ -144,39 +113,30 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
 
     The scripted policies depend on the maze alone: their episodes of all runs in it
     are put together; runs whose episodes are the same count once.
-
-    Args:
-        runs: of ``recipes/explore.py``.
-        title: of the figure.
     """
     results, left_out = read_all(runs, read_exploration)
     names = swept_settings(runs)
     _drop_short_evaluations(results, names, left_out)
     if not results:
-        return SweepReport("policy", "episodes", left_out=left_out)
+        return SweepReport("policy", "episodes", [], None, left_out)
     scores: list[Scores] = []
-    panels: dict[str, list[Curve]] = {}
+    panels: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
     levels: dict[str, dict[str, float]] = {}
     of_maze = [name for name in names if name.split(".")[0] == "maze"]
     others = [name for name in names if name not in of_maze]
     for maze, in_maze in group_runs(results, of_maze):
-        panel = panels.setdefault(label_of(maze), [])
+        panel = panels.setdefault(label_of(maze), {})
         for settings, members in group_runs(in_maze, others):
             explorations = [results[run] for run in members]
             scores += _learned_scores({**maze, **settings}, explorations)
-            curves = [_training_curve(one) for one in explorations]
-            panel.append(Curve(label_of(settings), curves))
+            panel[label_of(settings)] = [_training_curve(one) for one in explorations]
         scripted = _scripted_scores(maze, [results[run] for run in in_maze])
         scores += scripted
         levels[label_of(maze)] = {
             _SCRIPTED[one.subject]: float(one.values.mean()) for one in scripted
         }
-    figure = draw_learning_curves(
-        panels,
-        levels,
-        label=f"coverage, mean of the last {WINDOW} episodes (%)",
-        title=title,
-    )
+    label = f"coverage, mean of the last {WINDOW} episodes (%)"
+    figure = draw_learning_curves(panels, levels, label=label, title=title)
     return SweepReport("policy", "episodes", scores, figure, left_out)
 
 
@@ -232,7 +192,7 @@ def _training_to_90(explorations: list[Exploration]) -> float:
     taken = []
     for one in explorations:
         decisions, coverage = _training_curve(one)
-        good = np.flatnonzero(coverage[WINDOW - 1 :] >= _GOOD) + WINDOW - 1
+        good = np.flatnonzero(coverage[WINDOW - 1 :] >= 90) + WINDOW - 1
         taken.append(decisions[good[0]] if len(good) else -1)
     return decisions_to_reach(taken)[0]
 
@@ -254,6 +214,37 @@ def _drop_short_evaluations(
                     f"{run.folder} is left out: it has {count} evaluation episodes, "
                     f"other runs with its settings {most}"
                 )
+
+
+def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
+    """Goals ``[R, E]`` reached in an episode, by setting and policy.
+
+    E is the number of episodes that all runs of a group have.
+
+    Reference:
+        The paper, Tables 8 and 9.
+    """
+    columns = ("policy", "goals", "first_goal", "spl")
+    results, left_out = read_all(
+        runs, lambda folder: read_table(folder / "episodes.csv", columns)
+    )
+    swept = swept_settings(runs)
+    names = [name for name in swept if name.split(".")[0] not in _SHOWN]
+    scores = []
+    for settings, members in group_runs(results, names):
+        episodes = pd.concat({run.folder: results[run] for run in members})
+        for policy, table in episodes.groupby("policy", sort=False):
+            goals = table["goals"].groupby(level=0, sort=False)
+            least = goals.size().min()
+            values = np.stack([run.to_numpy()[:least] for _, run in goals])
+            more = {
+                "reached the goal (%)": 100 * float((table["first_goal"] >= 0).mean()),
+                "SPL (%)": 100 * float(table["spl"].mean()),
+            }
+            scores.append(Scores(settings, str(policy), "goals", values, more))
+    label = "goals in an episode"
+    figure = draw_scores(scores, names, line="subject", label=label, title=title)
+    return SweepReport("policy", "episodes", scores, figure, left_out)
 
 
 def label_of(settings: Mapping[str, str]) -> str:

@@ -1,19 +1,18 @@
-"""Thresholds of trained networks, and the report against the ground truth."""
+"""What a pre-training writes: curves, thresholds, a report against the ground truth."""
 
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torchrl.record.loggers import Logger
 
-from toponav.builders import Networks, one_thread
+from toponav.builders import Networks, World, one_thread
 from toponav.config import PretrainConfig
 from toponav.data import HeldOut, LPairs, PairSet, TCPairs
-from toponav.envs import Layout
 from toponav.graph import (
     MAP_SHARE,
     REWARD_SHARE,
@@ -23,7 +22,12 @@ from toponav.graph import (
     calibrate_share,
     share_curve,
 )
-from toponav.ground_truth import GroundTruthDistances, PairTruth, pair_truth
+from toponav.ground_truth import (
+    GroundTruthDistances,
+    PairTruth,
+    pair_truth,
+    require_motion,
+)
 from toponav.metrics import (
     LReport,
     TCReport,
@@ -34,11 +38,10 @@ from toponav.metrics import (
     tc_report,
     useful_actions,
 )
-from toponav.plotting import ShareCurve, draw_report, save_figure
+from toponav.plotting import draw_curves, draw_report, save_figure
 from toponav.reports.place_errors import place_errors
-from toponav.runs import write_text
+from toponav.runs import Figures, write_history, write_text
 from toponav.training import Validation
-from toponav.worlds import Motion, WorldSpec
 
 # Sequences of a maze that thresholds are calibrated on.
 _MAX_SEQUENCES = 30
@@ -48,49 +51,54 @@ _REPORT_PAIRS = 6000
 # Thresholds at which networks are compared: the calibrated one gives all of them the
 # same share of waypoints.
 _SHARES_AT = (0.5, 0.9)
+# What the curves show of the TC-network.
+_TC = ["tc_accuracy", "tc_accuracy_k4_m5", "tc_positives", "tc_negatives", "tc_auc"]
 
 
-class Truth(NamedTuple):
-    """The ground truth of a world with poses."""
+def write_measurements(
+    folder: Path, loggers: Sequence[Logger], history: Sequence[Figures]
+) -> None:
+    """Log the last measurement, and write all as ``metrics.csv`` and ``curves.png``.
 
-    distances: GroundTruthDistances
-    world: WorldSpec
-    motion: Motion
+    Loggers get every figure under ``pretrain/<name>``, at the ``update`` that it has.
+    """
+    last = history[-1]
+    named = {f"pretrain/{name}": value for name, value in last.items()}
+    for logger in loggers:
+        logger.log_metrics(named, step=int(last["update"]))
+    write_history(folder / "metrics.csv", history)
+    accuracies = {
+        "TC-network, held out": _TC,
+        "L-network, held out, by offset": sorted(
+            name for name in last if name.startswith("l_accuracy_")
+        ),
+    }
+    panels = accuracies | {"Losses": ["loss_tc", "loss_locomotion"]}
+    figure = draw_curves(history, panels=panels, x="update", percent=list(accuracies))
+    save_figure(figure, folder / "curves.png")
 
-    def of(self, held_out: HeldOut, pairs: PairSet) -> PairTruth:
-        """How far apart the views of pairs are."""
-        return pair_truth(self.distances, *held_out.poses(pairs), motion=self.motion)
 
-
-def make_truth(layout: Layout | None, world: WorldSpec) -> Truth | None:
-    """The ground truth of a world, ``None`` where it has none."""
-    if layout is None or world.motion is None:
-        return None
-    distances = GroundTruthDistances(
-        torch.from_numpy(layout.open_mask), cell_size=world.motion.cell_size
-    )
-    return Truth(distances, world, world.motion)
+def progress_figures(figures: Figures) -> dict[str, str]:
+    """Losses and accuracies for a progress bar."""
+    return {
+        "loss_tc": f"{figures['loss_tc']:.3f}",
+        "loss_l": f"{figures['loss_locomotion']:.3f}",
+        "tc": f"{figures['tc_accuracy']:.1%}",
+        "l": f"{figures['l_accuracy']:.1%}",
+    }
 
 
 def write_reports(
     folder: Path,
     validation: Validation,
-    truths: Sequence[Truth | None],
+    worlds: Sequence[World],
     config: PretrainConfig,
 ) -> dict[str, dict[str, float]]:
     """Calibrate thresholds, measure the networks, write ``report.json`` and pictures.
 
     Thresholds come from random walks alone. Worlds with ground truth get a picture
-    each: ``report.png``, or ``report_<world>.png`` if there are several worlds.
-
-    Args:
-        folder: the run folder.
-        validation: holds the networks, which get the thresholds, and the episodes.
-        truths: the ground truth of each world.
-        config: settings of the run.
-
-    Returns:
-        The measurements by world.
+    each: ``report.png``, or ``report_<world>.png`` if there are several worlds. The
+    networks of ``validation`` get the thresholds. Returns the measurements by world.
     """
     networks = validation.networks
     sequences = _embed_sequences(validation)
@@ -100,22 +108,20 @@ def write_reports(
     # Ever closer to 1, where the waypoint share is steep, to just above tc_threshold.
     highest = math.log(1 / max(1 - networks.thresholds["tc_threshold"], 1e-6)) + 1
     thresholds = torch.linspace(-3, highest, 10).sigmoid()
-    curve = ShareCurve(thresholds, share_curve(walks, thresholds.tolist()))
+    curve = thresholds, share_curve(walks, thresholds.tolist())
     shares = share_curve(walks, _SHARES_AT).mean(0).tolist()
-    content: dict[str, object] = {}
     figures: dict[str, dict[str, float]] = {}
+    bounds: dict[str, list[float]] = {}
     for number, held_out in enumerate(validation.held_out):
-        truth = truths[number]
-        if truth is None:
+        world = worlds[number]
+        if world.layout is None or not world.spec.has_truth:
             figures[held_out.name] = _measure_blindly(validation, number)
             continue
-        bound = bayes_bound(config.pairs.locomotion_k, world=truth.world)
-        content["l_bayes_bound"] = bound.tolist()
-        tc, locomotion, more = _measure(
-            validation, truth, held_out, config, seed=config.seed + number
-        )
+        seed = config.seed + number
+        tc, locomotion, more = _measure(validation, world, held_out, config, seed=seed)
         figures[held_out.name] = {**tc.numbers(), **more, **locomotion.numbers()}
-        name = "report.png" if len(truths) == 1 else f"report_{held_out.name}.png"
+        bound = bayes_bound(config.pairs.locomotion_k, world=world.spec)
+        bounds["l_bayes_bound"] = bound.tolist()
         figure = draw_report(
             tc,
             locomotion,
@@ -127,14 +133,21 @@ def write_reports(
             title=f"{held_out.name}: {config.collect.decisions:,} decisions, "
             f"{config.train.updates:,} updates, seed {config.seed}",
         )
-        save_figure(figure, folder / name, dpi=150)
+        name = "report" if len(worlds) == 1 else f"report_{held_out.name}"
+        save_figure(figure, folder / f"{name}.png", dpi=150)
     content = {
         "mazes": figures,
         "waypoint_share": dict(zip(map(str, _SHARES_AT), shares, strict=True)),
         "thresholds": {name: asdict(one) for name, one in calibrations.items()},
-        **content,
+        **bounds,
     }
-    write_text(folder / "report.json", json.dumps(_plain(content), indent=2) + "\n")
+    # Rounded for reading, and null where there is no number: JSON knows no NaN.
+    plain = json.loads(
+        json.dumps(content),
+        parse_float=lambda text: round(float(text), 6),
+        parse_constant=lambda _: None,
+    )
+    write_text(folder / "report.json", json.dumps(plain, indent=2) + "\n")
     return figures
 
 
@@ -143,9 +156,8 @@ def _embed_sequences(validation: Validation) -> list[Tensor]:
     sequences: list[Tensor] = []
     for held_out in validation.held_out:
         num = min(per_world, held_out.num_episodes) * held_out.length
-        embeddings = validation.embed(
-            validation.networks.tc.encoder, held_out.pixels[:num]
-        )
+        encoder = validation.networks.tc.encoder
+        embeddings = validation.embed(encoder, held_out.pixels[:num])
         sequences += embeddings.split(held_out.length)
     return sequences
 
@@ -167,29 +179,36 @@ def _calibrate(
 def _measure_blindly(validation: Validation, number: int) -> dict[str, float]:
     """What can be measured in a world without ground truth."""
     found = validation.measure(number)
-    by_offset = {
-        name.removeprefix("l_"): value
-        for name, value in found.items()
-        if name.startswith("l_accuracy_")
-    }
-    return {"accuracy": found["tc_accuracy"], "auc": found["tc_auc"], **by_offset}
+    names = {"accuracy": "tc_accuracy", "auc": "tc_auc"}
+    names |= {name[2:]: name for name in found if name.startswith("l_accuracy_")}
+    return {name: found[measured] for name, measured in names.items()}
 
 
 def _measure(
     validation: Validation,
-    truth: Truth,
+    world: World,
     held_out: HeldOut,
     config: PretrainConfig,
     *,
     seed: int,
 ) -> tuple[TCReport, LReport, dict[str, float]]:
     rule, k = TCPairs(config.pairs.k, config.validate.m), config.pairs.locomotion_k
+    assert world.layout is not None
+    mask, motion = torch.from_numpy(world.layout.open_mask), require_motion(world.spec)
+    distances = GroundTruthDistances(mask, cell_size=motion.cell_size)
+
+    def apart(pairs: PairSet) -> PairTruth:
+        return pair_truth(distances, *held_out.poses(pairs), motion=motion)
+
+    def features(pairs: PairSet) -> tuple[Tensor, Tensor]:
+        return pose_features(*held_out.poses(pairs), apart(pairs)), pairs.label
+
     test = held_out.draw(rule, _REPORT_PAIRS, seed=seed)
     tc = tc_report(
         validation.similarity(held_out, test),
         test.label,
-        truth.of(held_out, test),
-        cell_size=truth.motion.cell_size,
+        apart(test),
+        cell_size=motion.cell_size,
         max_action_distance=config.pairs.k,
     )
     l_pairs = held_out.draw(LPairs(k), _REPORT_PAIRS, seed=seed)
@@ -197,22 +216,13 @@ def _measure(
         validation.logits(held_out, l_pairs),
         l_pairs.action,
         l_pairs.distance,
-        useful_actions(*held_out.poses(l_pairs), world=truth.world),
+        useful_actions(*held_out.poses(l_pairs), world=world.spec),
         max_action_distance=k,
     )
     train = held_out.draw(rule, _BOUND_PAIRS, seed=seed + 1)
-    bound = pose_bound(
-        (_pose_features(truth, held_out, train), train.label),
-        (_pose_features(truth, held_out, test), test.label),
-    )
-    errors = place_errors(
-        validation, truth.distances, held_out, min_gap=rule.min_distance
-    )
+    bound = pose_bound(features(train), features(test))
+    errors = place_errors(validation, distances, held_out, min_gap=rule.min_distance)
     return tc, locomotion, {"pose_bound": bound, **errors}
-
-
-def _pose_features(truth: Truth, held_out: HeldOut, pairs: PairSet) -> Tensor:
-    return pose_features(*held_out.poses(pairs), truth.of(held_out, pairs))
 
 
 def summarize(figures: Mapping[str, Mapping[str, float]], networks: Networks) -> str:
@@ -231,23 +241,10 @@ def summarize(figures: Mapping[str, Mapping[str, float]], networks: Networks) ->
         parts = [f"TC {found['accuracy']:.1%}", f"AUC {found['auc']:.3f}"]
         if "pose_bound" in found:
             parts[0] += f" (from true poses {found['pose_bound']:.1%})"
-            parts.append(
-                f"place error {found['place_error']:.1%} (another visit "
-                f"{found['place_error_revisit']:.1%})"
-            )
+            revisit = f"another visit {found['place_error_revisit']:.1%}"
+            parts.append(f"place error {found['place_error']:.1%} ({revisit})")
         shares = [share for key, share in found.items() if key.startswith("accuracy_")]
         by_offset = " / ".join(f"{share:.0%}" for share in shares)
         lines.append(f"{name}: {', '.join(parts)}; L by offset {by_offset}")
     at = [f"{name} {value:.3f}" for name, value in networks.thresholds.items()]
     return "\n".join([*lines, f"thresholds: {', '.join(at)}"])
-
-
-def _plain(value: object) -> object:
-    """Rounded for reading, and null where there is no number: JSON knows no NaN."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float):
-        return round(value, 6) if math.isfinite(value) else None
-    return value

@@ -2,6 +2,7 @@
 
 import json
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -13,7 +14,7 @@ from toponav.builders import engine_world, make_networks
 from toponav.data import HeldOut
 from toponav.envs import DEFAULT_ENGINE, load_layout_file
 from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, POSITION
-from toponav.reports import make_truth, summarize, write_reports
+from toponav.reports import summarize, write_reports
 from toponav.training import Validation
 
 MAZE_WORLD = engine_world(DEFAULT_ENGINE)
@@ -56,8 +57,11 @@ def test_a_world_without_truth_has_thresholds_and_what_needs_none(
     validation, lane, tmp_path
 ):
     config, validate = validation
-    truths = [make_truth(None, WORLD), make_truth(lane, MAZE_WORLD)]
-    figures = write_reports(tmp_path, validate, truths, config)
+    worlds = [
+        SimpleNamespace(layout=lane, spec=WORLD),  # a layout alone is no truth
+        SimpleNamespace(layout=lane, spec=MAZE_WORLD),
+    ]
+    figures = write_reports(tmp_path, validate, worlds, config)
     assert set(figures["chain"]) == {"accuracy", "auc"} | {
         f"accuracy_{offset}" for offset in range(1, 5)
     }
@@ -75,8 +79,3 @@ def test_a_world_without_truth_has_thresholds_and_what_needs_none(
     assert first.startswith("chain: TC ")
     assert "place error" in second
     assert "place error" not in first
-
-
-def test_a_layout_alone_is_no_truth(lane):
-    assert make_truth(lane, WORLD) is None
-    assert make_truth(None, MAZE_WORLD) is None
