@@ -95,13 +95,13 @@ def test_a_maze_file_gives_all_values_of_the_schema() -> None:
         ("maze.apples=-1", "maze.apples must be at least 0, got -1"),
         ("maze.paintings=1.5", r"maze.paintings must lie in \[0, 1\], got 1.5"),
         ("maze.marks=-1", r"maze.marks must lie in \[0, 1\], got -1"),
-        ("maze.episode_length=0", "maze.episode_length must be at least 1 decision"),
+        ("maze.episode_length=0", "maze.episode_length must be at least 1, got 0"),
         ("maze.loops=2", r"maze.loops must lie in \[0, 1\], got 2"),
         ("maze.rows=0", "maze.rows must be at least 1, got 0"),
         ("maze=file", "maze.path must name a layout file when maze=file, got None"),
         ("views=13", r"views must lie in \[1, 12\], got 13"),
         ("decisions=0", "decisions must be at least 1, got 0"),
-        ("video=avi", "video must be mp4 or gif, got avi"),
+        ("video=avi", "video must be one of mp4, gif, got avi"),
     ],
 )
 def test_a_value_out_of_range_is_refused(override: str, message: str) -> None:

@@ -269,7 +269,7 @@ def test_what_is_wrong_is_said_in_one_sentence(
         ("map.edges=all", "map.edges must be one of both, reach, time, got"),
         ("map.extend_by=none", "map.extend_by must be one of itself, previous"),
         ("map.tc_threshold=high", r"map.tc_threshold must be one of auto or a number"),
-        ("map.tc_reach=1.5", r"map.tc_reach must lie in \[0, 0.999\], got 1.5"),
+        ("map.tc_reach=1.5", r"auto or a number in \[0, 0.999\], got 1.5"),
         ("map.window=-1", "map.window must be at least 0, got -1"),
         ("map.nearby=0", "map.nearby must be at least 1, got 0"),
         (

@@ -145,13 +145,12 @@ def make_frame_buffer(
     Raises:
         SettingsError: if it would be too small for a negative pair of each environment.
     """
-    collect, pairs = config.collect, config.pairs
+    collect = config.collect
     frames = frames_that_fit(
         collect.buffer_gb, world.view_size, halve=config.model.halve
     )
     frames = max(frames, collect.batch)
-    longest = max(pairs.k * max(pairs.m, config.validate.m), pairs.locomotion_k)
-    length = frames // (collect.envs * collect.workers)
+    length, longest = frames // (collect.envs * collect.workers), config.longest_pair
     require(
         length > longest,
         "frames in collect.buffer_gb / (workers * envs) must be more than M * k = "

@@ -11,23 +11,20 @@ from omegaconf import OmegaConf
 from toponav.config.checks import (
     SettingsError as SettingsError,
     TrainingError as TrainingError,
+    above as above,
+    at_least as at_least,
+    between as between,
+    one_of as one_of,
     require as require,
-    require_above_zero as require_above_zero,
-    require_at_least as require_at_least,
-    require_between as require_between,
-    require_choice as require_choice,
-    require_threshold as require_threshold,
+    threshold_or as threshold_or,
 )
 from toponav.config.explore import (
-    EvaluateConfig as EvaluateConfig,
     ExploreCollectConfig as ExploreCollectConfig,
     ExploreConfig as ExploreConfig,
     LocomotionConfig as LocomotionConfig,
     MapConfig as MapConfig,
     OnlineConfig as OnlineConfig,
     PolicyConfig as PolicyConfig,
-    PretrainingConfig as PretrainingConfig,
-    ReportConfig as ReportConfig,
 )
 from toponav.config.maze import MazeConfig as MazeConfig
 from toponav.config.methods import (
@@ -37,17 +34,13 @@ from toponav.config.methods import (
 )
 from toponav.config.model import ModelConfig as ModelConfig, PairsConfig as PairsConfig
 from toponav.config.navigate import (
-    GoalsConfig as GoalsConfig,
     NavigateConfig as NavigateConfig,
-    NavigateEvaluateConfig as NavigateEvaluateConfig,
     NavigateVideoConfig as NavigateVideoConfig,
     NavigatorConfig as NavigatorConfig,
 )
 from toponav.config.pretrain import (
-    CollectConfig as CollectConfig,
     PretrainConfig as PretrainConfig,
     TrainConfig as TrainConfig,
-    ValidateConfig as ValidateConfig,
 )
 from toponav.config.report import SweepReportConfig as SweepReportConfig
 from toponav.config.run_settings import run_setting as run_setting

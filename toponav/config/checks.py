@@ -1,4 +1,11 @@
-"""Checks of settings: each refuses in one sentence."""
+"""What settings may hold; each check refuses in one sentence."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+from omegaconf import MISSING
 
 
 class SettingsError(ValueError):
@@ -19,53 +26,71 @@ def require(holds: bool, rule: str, given: object) -> None:
         raise SettingsError(f"{rule}, got {given}")
 
 
-def require_at_least(name: str, value: float, least: float) -> None:
-    """`require` that a number is not too small."""
-    require(value >= least, f"{name} must be at least {least}", value)
-
-
-def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """`require` that a word is one of several."""
-    require(value in choices, f"{name} must be one of {', '.join(choices)}", value)
-
-
-def require_between(name: str, value: float, low: float, high: float) -> None:
-    """`require` that a number lies in a range; the sentence names the nearest one.
+@dataclass
+class Settings:
+    """A group of settings, whose fields say what they may hold, or ``None``.
 
     Examples:
-        >>> require_between("reward.alpha", 2, 0, 1)
+        >>> @dataclass
+        ... class Optimizer(Settings):
+        ...     group = "optimizer"
+        ...     lr: float = above(0)
+        >>> Optimizer(lr=0.0)
         Traceback (most recent call last):
-        toponav.config.checks.SettingsError: reward.alpha must lie in [0, 1], got ...
+        toponav.config.checks.SettingsError: optimizer.lr must be above 0, got 0.0
     """
-    nearest = min(max(value, low), high)
-    require(
-        nearest == value,
-        f"{name} must lie in [{low:g}, {high:g}]",
-        f"{value:g} (did you mean {nearest:g}?)",
+
+    #: Its name on the command line; settings of a recipe have none.
+    group: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if value is not None and "rule" in one.metadata:
+                holds, rule, given = (
+                    one.metadata[k] for k in ("holds", "rule", "given")
+                )
+                name = f"{self.group}.{one.name}" if self.group else one.name
+                require(holds(value), f"{name} must {rule}", given(value))
+
+
+def _field(
+    rule: str, holds: Callable[[Any], bool], given: Callable[[Any], object] = str
+) -> Any:
+    metadata = {"rule": rule, "holds": holds, "given": given}
+    return field(default=MISSING, metadata=metadata)
+
+
+def at_least(least: float) -> Any:
+    """A number that is not too small."""
+    return _field(f"be at least {least}", lambda value: value >= least)
+
+
+def above(bound: float) -> Any:
+    """A number above another one."""
+    return _field(f"be above {bound}", lambda value: value > bound)
+
+
+def between(low: float, high: float) -> Any:
+    """A number in a range; the sentence names the nearest one."""
+    return _field(
+        f"lie in [{low:g}, {high:g}]",
+        lambda value: low <= value <= high,
+        lambda value: f"{value:g} (did you mean {min(max(value, low), high):g}?)",
     )
 
 
-def require_above_zero(name: str, value: float) -> None:
-    """`require` that a number is positive."""
-    require(value > 0, f"{name} must be above 0", value)
+def one_of(*choices: str) -> Any:
+    """One of several words."""
+    return _field(f"be one of {', '.join(choices)}", lambda value: value in choices)
 
 
-def require_threshold(name: str, value: str, words: tuple[str, ...]) -> None:
-    """`require` a similarity below 1, or a word that stands for a calibrated one.
+def threshold_or(*words: str) -> Any:
+    """A similarity below 1, or a word that stands for a calibrated one."""
 
-    Examples:
-        >>> require_threshold("map.tc_reach", "0.7", ("auto",))
-        >>> require_threshold("map.tc_reach", "high", ("auto",))
-        Traceback (most recent call last):
-        toponav.config.checks.SettingsError: map.tc_reach must be one of auto or a ...
-    """
-    if value in words:
-        return
-    try:
-        number = float(value)
-    except ValueError as error:
-        raise SettingsError(
-            f"{name} must be one of {', '.join(words)} or a number in [0, 0.999], got "
-            f"{value}"
-        ) from error
-    require_between(name, number, 0, 0.999)
+    def holds(value: str) -> bool:
+        with suppress(ValueError):
+            return value in words or 0 <= float(value) <= 0.999
+        return False
+
+    return _field(f"be one of {', '.join(words)} or a number in [0, 0.999]", holds)

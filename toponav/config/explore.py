@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from omegaconf import MISSING
 
 from toponav.config.checks import (
+    Settings,
+    above,
+    at_least,
+    between,
+    one_of,
     require,
-    require_above_zero,
-    require_at_least,
-    require_between,
-    require_choice,
-    require_threshold,
+    threshold_or,
 )
 from toponav.config.maze import MazeConfig
 from toponav.config.methods import LearnerConfig, RewardConfig, WorldConfig
@@ -18,38 +19,31 @@ from toponav.config.model import ModelConfig, PairsConfig
 
 
 @dataclass
-class PolicyConfig:
+class PolicyConfig(Settings):
     """The explorer's network."""
 
-    input: str = MISSING
-    view_size: int = MISSING
-    hidden: int = MISSING
-
-    def __post_init__(self) -> None:
-        require_choice("policy.input", self.input, ("auto", "embedding", "pixels"))
-        require_at_least("policy.view_size", self.view_size, 36)
-        require_at_least("policy.hidden", self.hidden, 1)
+    group = "policy"
+    input: str = one_of("auto", "embedding", "pixels")
+    view_size: int = at_least(36)
+    hidden: int = at_least(1)
 
 
 @dataclass
-class ExploreCollectConfig:
+class ExploreCollectConfig(Settings):
     """Where the explorer's decisions come from."""
 
-    mode: str = MISSING
-    decisions: int = MISSING
-    minutes: float | None = MISSING
-    workers: int = MISSING
-    envs: int = MISSING
+    group = "collect"
+    mode: str = one_of("async", "sync")
+    decisions: int = at_least(1)
+    minutes: float | None = above(0)
+    workers: int = at_least(1)
+    envs: int = at_least(1)
     stagger: bool = MISSING
     noisy_tv: bool = MISSING
-    max_idle_s: int = MISSING
+    max_idle_s: int = at_least(1)
 
     def __post_init__(self) -> None:
-        require_choice("collect.mode", self.mode, ("async", "sync"))
-        for name in ("decisions", "workers", "envs", "max_idle_s"):
-            require_at_least(f"collect.{name}", getattr(self, name), 1)
-        if self.minutes is not None:
-            require_above_zero("collect.minutes", self.minutes)
+        super().__post_init__()
         nearest = max(round(self.envs / self.workers), 1) * self.workers
         require(
             self.envs % self.workers == 0,
@@ -59,80 +53,54 @@ class ExploreCollectConfig:
 
 
 @dataclass
-class OnlineConfig:
+class OnlineConfig(Settings):
     """Whether and how TC-network and L-network go on learning."""
 
+    group = "online"
     learn: bool = MISSING
-    lr: float = MISSING
-    weight_decay: float = MISSING
-    locomotion_coeff: float = MISSING
-    every: int = MISSING
-    publish_every: int = MISSING
-    ahead: int = MISSING
-    buffer_gb: float = MISSING
-
-    def __post_init__(self) -> None:
-        require_above_zero("online.lr", self.lr)
-        for name in ("weight_decay", "locomotion_coeff"):
-            require_at_least(f"online.{name}", getattr(self, name), 0)
-        for name in ("every", "publish_every", "ahead"):
-            require_at_least(f"online.{name}", getattr(self, name), 1)
-        require_above_zero("online.buffer_gb", self.buffer_gb)
+    lr: float = above(0)
+    weight_decay: float = at_least(0)
+    locomotion_coeff: float = at_least(0)
+    every: int = at_least(1)
+    publish_every: int = at_least(1)
+    ahead: int = at_least(1)
+    buffer_gb: float = above(0)
 
 
 @dataclass
-class LocomotionConfig:
+class LocomotionConfig(Settings):
     """What the L-network's head learns from the paths that the explorers took."""
 
+    group = "locomotion"
     learn: bool = MISSING
-    memory: int = MISSING
-    k: int = MISSING
-    updates: int = MISSING
-    pairs: int = MISSING
-    lr: float = MISSING
-
-    def __post_init__(self) -> None:
-        for name in ("memory", "k", "updates", "pairs"):
-            require_at_least(f"locomotion.{name}", getattr(self, name), 1)
-        require_above_zero("locomotion.lr", self.lr)
+    memory: int = at_least(1)
+    k: int = at_least(1)
+    updates: int = at_least(1)
+    pairs: int = at_least(1)
+    lr: float = above(0)
 
 
 @dataclass
-class MapConfig:
+class MapConfig(Settings):
     """The topological map that grows while exploring."""
 
+    group = "map"
     grow: bool = MISSING
-    after: int = MISSING
-    envs: int | None = MISSING
-    tc_threshold: str = MISSING
-    tc_reach: str = MISSING
-    edges: str = MISSING
-    extend_by: str = MISSING
-    window: int = MISSING
-    search_window: int = MISSING
-    surroundings: int = MISSING
-    surroundings_above: float = MISSING
+    after: int = at_least(0)
+    envs: int | None = at_least(1)
+    tc_threshold: str = threshold_or("auto")
+    tc_reach: str = threshold_or("auto")
+    edges: str = one_of("both", "reach", "time")
+    extend_by: str = one_of("itself", "previous")
+    window: int = at_least(0)
+    search_window: int = at_least(0)
+    surroundings: int = at_least(0)
+    surroundings_above: float = between(0, 0.999)
     hysteresis: bool = MISSING
-    nearby: int | None = MISSING
-    shortlist: int | None = MISSING
-    untraversed_edge_cost: float = MISSING
-    sparsify: float | None = MISSING
-
-    def __post_init__(self) -> None:
-        for name in ("tc_threshold", "tc_reach"):
-            require_threshold(f"map.{name}", getattr(self, name), ("auto",))
-        require_choice("map.edges", self.edges, ("both", "reach", "time"))
-        require_choice("map.extend_by", self.extend_by, ("itself", "previous"))
-        for name in ("window", "search_window", "surroundings"):
-            require_at_least(f"map.{name}", getattr(self, name), 0)
-        require_at_least("map.after", self.after, 0)
-        require_between("map.surroundings_above", self.surroundings_above, 0, 0.999)
-        for name in ("envs", "nearby", "shortlist"):
-            if (value := getattr(self, name)) is not None:
-                require_at_least(f"map.{name}", value, 1)
-        require_at_least("map.untraversed_edge_cost", self.untraversed_edge_cost, 1)
-        if self.sparsify is not None:
-            require_between("map.sparsify", self.sparsify, 0, 1)
+    nearby: int | None = at_least(1)
+    shortlist: int | None = at_least(1)
+    untraversed_edge_cost: float = at_least(1)
+    sparsify: float | None = between(0, 1)
 
 
 @dataclass
@@ -147,35 +115,27 @@ class PretrainingConfig:
 
 
 @dataclass
-class ReportConfig:
+class ReportConfig(Settings):
     """How often a run says what it does."""
 
-    every: int = MISSING
-    pictures_every_s: float = MISSING
-    save_every_s: float = MISSING
-    best_of: int = MISSING
-
-    def __post_init__(self) -> None:
-        for name in ("every", "best_of"):
-            require_at_least(f"report.{name}", getattr(self, name), 1)
-        for name in ("pictures_every_s", "save_every_s"):
-            require_above_zero(f"report.{name}", getattr(self, name))
+    group = "report"
+    every: int = at_least(1)
+    pictures_every_s: float = above(0)
+    save_every_s: float = above(0)
+    best_of: int = at_least(1)
 
 
 @dataclass
-class EvaluateConfig:
+class EvaluateConfig(Settings):
     """The episodes that a run is judged by at its end."""
 
-    episodes: int = MISSING
-    random_episodes: int = MISSING
-
-    def __post_init__(self) -> None:
-        require_at_least("evaluate.episodes", self.episodes, 1)
-        require_at_least("evaluate.random_episodes", self.random_episodes, 1)
+    group = "evaluate"
+    episodes: int = at_least(1)
+    random_episodes: int = at_least(1)
 
 
 @dataclass
-class ExploreConfig:
+class ExploreConfig(Settings):
     """Settings of ``recipes/explore.py``."""
 
     world: WorldConfig = MISSING
@@ -196,36 +156,36 @@ class ExploreConfig:
     pretrained: str | None = MISSING
     seed: int = MISSING
     device: str = MISSING
-    threads: int | None = MISSING
+    threads: int | None = at_least(1)
     resume: str | None = MISSING
 
     def __post_init__(self) -> None:
-        if self.threads is not None:
-            require_at_least("threads", self.threads, 1)
+        super().__post_init__()
         self.loss.check(self.collect.envs)
+        batch, decisions = self.collect.envs * self.loss.rollout, self.collect.decisions
         require(
-            self.collect.envs * self.loss.rollout <= self.collect.decisions,
+            batch <= decisions,
             "collect.decisions must be at least collect.envs * loss.rollout = "
-            f"{self.collect.envs * self.loss.rollout}, one batch",
-            self.collect.decisions,
+            f"{batch}, one batch",
+            decisions,
         )
+        episode = self.world.episode_length
+        length = f"{self.world.group}.episode_length"
         require(
-            self.locomotion.k < self.world.episode_length,
-            f"locomotion.k must be less than {self.world.length_setting} = "
-            f"{self.world.episode_length} decisions",
+            self.locomotion.k < episode,
+            f"locomotion.k must be less than {length} = {episode} decisions",
             self.locomotion.k,
         )
         require(
-            not self.map.grow or self.map.after < self.collect.decisions,
-            f"map.after must be less than collect.decisions = {self.collect.decisions}",
+            not self.map.grow or self.map.after < decisions,
+            f"map.after must be less than collect.decisions = {decisions}",
             self.map.after,
         )
-        longest = max(self.pairs.k * self.pairs.m, self.pairs.locomotion_k)
+        longest = self.pairs.longest(self.pairs.m)
         require(
-            self.world.episode_length > longest,
-            f"{self.world.length_setting} must be more than M * k = "
-            f"{longest} decisions",
-            self.world.episode_length,
+            episode > longest,
+            f"{length} must be more than M * k = {longest} decisions",
+            episode,
         )
 
     def resolved(self, model: ModelConfig | None) -> "ExploreConfig":

@@ -4,39 +4,30 @@ from dataclasses import dataclass, field
 
 from omegaconf import MISSING
 
-from toponav.config.checks import require
+from toponav.config.checks import Settings, at_least, between, require
 
 
 @dataclass
-class MazeConfig:
+class MazeConfig(Settings):
     """A maze and what its episodes hold (``conf/maze``)."""
 
+    group = "maze"
     name: str = MISSING
     path: str | None = MISSING
-    rows: int = MISSING
-    cols: int = MISSING
+    rows: int = at_least(1)
+    cols: int = at_least(1)
     seed: int = MISSING
-    loops: float = MISSING
-    apples: int = MISSING
+    loops: float = between(0, 1)
+    apples: int = at_least(0)
     goal: bool = MISSING
     blocked: list[str] = field(default_factory=list)
-    episode_length: int = MISSING
+    episode_length: int = at_least(1)
     texture_seed: int = MISSING
-    paintings: float = MISSING
-    marks: float = MISSING
+    paintings: float = between(0, 1)
+    marks: float = between(0, 1)
 
     def __post_init__(self) -> None:
-        require(self.rows >= 1, "maze.rows must be at least 1", self.rows)
-        require(self.cols >= 1, "maze.cols must be at least 1", self.cols)
-        require(0 <= self.loops <= 1, "maze.loops must lie in [0, 1]", self.loops)
-        require(self.apples >= 0, "maze.apples must be at least 0", self.apples)
-        require(
-            self.episode_length >= 1,
-            "maze.episode_length must be at least 1 decision",
-            self.episode_length,
-        )
-        for name, share in (("paintings", self.paintings), ("marks", self.marks)):
-            require(0 <= share <= 1, f"maze.{name} must lie in [0, 1]", share)
+        super().__post_init__()
         require(
             self.name != "file" or bool(self.path),
             "maze.path must name a layout file when maze=file",

@@ -4,27 +4,25 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import require, require_at_least, require_choice
+from toponav.config.checks import Settings, at_least, between, one_of, require
 
 
 @dataclass
-class ModelConfig:
+class ModelConfig(Settings):
     """The TC-network and the L-network (``conf/model``)."""
 
-    encoder: str = MISSING
-    embedding_dim: int = MISSING
+    group = "model"
+    encoder: str = one_of("small", "resnet18")
+    embedding_dim: int = at_least(1)
     batch_norm: bool = MISSING
     share_encoder: bool = MISSING
-    comparator: str = MISSING
-    projection_dim: int = MISSING
+    comparator: str = one_of("concat", "difference")
+    projection_dim: int = at_least(1)
     comparator_hidden: list[int] = MISSING
     locomotion_hidden: list[int] = MISSING
 
     def __post_init__(self) -> None:
-        require_choice("model.encoder", self.encoder, ("small", "resnet18"))
-        require_choice("model.comparator", self.comparator, ("concat", "difference"))
-        for name in ("embedding_dim", "projection_dim"):
-            require_at_least(f"model.{name}", getattr(self, name), 1)
+        super().__post_init__()
         require(
             min(self.comparator_hidden, default=0) >= 1,
             "model.comparator_hidden must be a list of widths of at least 1",
@@ -48,29 +46,22 @@ class ModelConfig:
 
 
 @dataclass
-class PairsConfig:
+class PairsConfig(Settings):
     """Which pairs of views train the networks."""
 
-    k: int = MISSING
-    m: int = MISSING
-    locomotion_k: int = MISSING
-    other_episode_share: float = MISSING
+    group = "pairs"
+    k: int = at_least(1)
+    m: int = at_least(2)
+    locomotion_k: int = at_least(1)
+    other_episode_share: float = between(0, 1)
     mined: bool = MISSING
-    per_update: int = MISSING
-    episodes: int = MISSING
-    chunks: int = MISSING
-    chunk_len: int = MISSING
+    per_update: int = at_least(1)
+    episodes: int = at_least(1)
+    chunks: int = at_least(1)
+    chunk_len: int = at_least(1)
 
     def __post_init__(self) -> None:
-        names = ("k", "locomotion_k", "per_update", "episodes", "chunks", "chunk_len")
-        for name in names:
-            require_at_least(f"pairs.{name}", getattr(self, name), 1)
-        require_at_least("pairs.m", self.m, 2)
-        require(
-            0 <= self.other_episode_share <= 1,
-            "pairs.other_episode_share must lie in [0, 1]",
-            self.other_episode_share,
-        )
+        super().__post_init__()
         longest = max(self.k, self.locomotion_k)
         require(
             not self.mined or self.chunk_len > longest,
@@ -78,3 +69,7 @@ class PairsConfig:
             f"{longest}",
             self.chunk_len,
         )
+
+    def longest(self, m: int) -> int:
+        """Most decisions between the views of a pair, if M is ``m``."""
+        return max(self.k * m, self.locomotion_k)

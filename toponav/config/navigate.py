@@ -4,64 +4,53 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import (
-    require,
-    require_at_least,
-    require_between,
-    require_choice,
-)
+from toponav.config.checks import Settings, at_least, between, one_of, require
 from toponav.config.maze import MazeConfig
 
 
 @dataclass
-class NavigatorConfig:
+class NavigatorConfig(Settings):
     """A navigator (``conf/navigator``); its own settings are beside its method."""
 
+    group = "navigator"
     name: str = MISSING
 
 
 @dataclass
-class GoalsConfig:
+class GoalsConfig(Settings):
     """The pictures by which the agent knows its goal."""
 
-    views: int = MISSING
-    source: str = MISSING
-
-    def __post_init__(self) -> None:
-        require_between("goals.views", self.views, 1, 16)
-        require_choice("goals.source", self.source, ("map", "walk"))
+    group = "goals"
+    views: int = between(1, 16)
+    source: str = one_of("map", "walk")
 
 
 @dataclass
-class NavigateEvaluateConfig:
+class NavigateEvaluateConfig(Settings):
     """The episodes, and who plays them."""
 
-    episodes: int = MISSING
+    group = "evaluate"
+    episodes: int = at_least(1)
     policies: list[str] = MISSING
-    slow: int = MISSING
+    slow: int = at_least(1)
 
     def __post_init__(self) -> None:
-        require_at_least("evaluate.episodes", self.episodes, 1)
-        require_at_least("evaluate.slow", self.slow, 1)
+        super().__post_init__()
         require(len(self.policies) > 0, "evaluate.policies must name one", "none")
 
 
 @dataclass
-class NavigateVideoConfig:
+class NavigateVideoConfig(Settings):
     """The video of the agent's first episode."""
 
-    decisions: int = MISSING
-    format: str = MISSING
-    height: int = MISSING
-
-    def __post_init__(self) -> None:
-        require_at_least("video.decisions", self.decisions, 0)
-        require_choice("video.format", self.format, ("mp4", "gif"))
-        require_at_least("video.height", self.height, 64)
+    group = "video"
+    decisions: int = at_least(0)
+    format: str = one_of("mp4", "gif")
+    height: int = at_least(64)
 
 
 @dataclass
-class NavigateConfig:
+class NavigateConfig(Settings):
     """Settings of ``recipes/navigate.py``."""
 
     engine: str = MISSING
@@ -72,11 +61,10 @@ class NavigateConfig:
     video: NavigateVideoConfig = MISSING
     run: str | None = MISSING
     seed: int = MISSING
-    threads: int | None = MISSING
+    threads: int | None = at_least(1)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require(
             self.maze.goal, "maze.goal must be true, so that there is a goal", False
         )
-        if self.threads is not None:
-            require_at_least("threads", self.threads, 1)

@@ -4,79 +4,63 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import require, require_at_least, require_choice
+from toponav.config.checks import Settings, above, at_least, one_of, require
 from toponav.config.maze import MazeConfig
 from toponav.config.methods import WorldConfig
 from toponav.config.model import ModelConfig, PairsConfig
 
 
 @dataclass
-class CollectConfig:
+class CollectConfig(Settings):
     """Where the frames of pre-training come from."""
 
-    decisions: int = MISSING
-    buffer_gb: float = MISSING
-    ahead: int = MISSING
-    share: float = MISSING
-    workers: int = MISSING
-    envs: int = MISSING
-    batch: int = MISSING
-    policy: str = MISSING
+    group = "collect"
+    decisions: int = at_least(1)
+    buffer_gb: float = above(0)
+    ahead: int = at_least(1)
+    share: float = above(0)
+    workers: int = at_least(1)
+    envs: int = at_least(1)
+    batch: int = at_least(1)
+    policy: str = one_of("uniform", "sticky")
 
     def __post_init__(self) -> None:
-        for name in ("decisions", "ahead", "workers", "envs", "batch"):
-            require_at_least(f"collect.{name}", getattr(self, name), 1)
-        require(0 < self.share <= 1, "collect.share must lie in (0, 1]", self.share)
-        require_choice("collect.policy", self.policy, ("uniform", "sticky"))
+        super().__post_init__()
+        require(self.share <= 1, "collect.share must be at most 1", self.share)
         require(
             self.batch % self.envs == 0,
             f"collect.batch must be a multiple of collect.envs={self.envs}",
             self.batch,
         )
-        require(self.buffer_gb > 0, "collect.buffer_gb must be above 0", self.buffer_gb)
 
 
 @dataclass
-class TrainConfig:
+class TrainConfig(Settings):
     """How the networks are trained."""
 
-    updates: int = MISSING
-    lr: float = MISSING
-    weight_decay: float = MISSING
-    warmup: int = MISSING
-    schedule: str = MISSING
-    locomotion_coeff: float = MISSING
-    max_grad_norm: float = MISSING
+    group = "train"
+    updates: int = at_least(0)
+    lr: float = above(0)
+    weight_decay: float = at_least(0)
+    warmup: int = at_least(0)
+    schedule: str = one_of("cosine", "constant")
+    locomotion_coeff: float = at_least(0)
+    max_grad_norm: float = above(0)
     bf16: bool = MISSING
-    threads: int | None = MISSING
-    save_every_s: float = MISSING
-
-    def __post_init__(self) -> None:
-        require_at_least("train.updates", self.updates, 0)
-        require_choice("train.schedule", self.schedule, ("cosine", "constant"))
-        for name in ("lr", "max_grad_norm", "save_every_s"):
-            value = getattr(self, name)
-            require(value > 0, f"train.{name} must be above 0", value)
-        for name in ("weight_decay", "warmup", "locomotion_coeff"):
-            require_at_least(f"train.{name}", getattr(self, name), 0)
-        if self.threads is not None:
-            require_at_least("train.threads", self.threads, 1)
+    threads: int | None = at_least(1)
+    save_every_s: float = above(0)
 
 
 @dataclass
-class ValidateConfig:
+class ValidateConfig(Settings):
     """What the networks are measured on."""
 
-    episodes: int = MISSING
-    decisions: int = MISSING
-    pairs: int = MISSING
-    every: int = MISSING
-    m: int = MISSING
-
-    def __post_init__(self) -> None:
-        for name in ("episodes", "decisions", "pairs", "every"):
-            require_at_least(f"validate.{name}", getattr(self, name), 1)
-        require_at_least("validate.m", self.m, 2)
+    group = "validate"
+    episodes: int = at_least(1)
+    decisions: int = at_least(1)
+    pairs: int = at_least(1)
+    every: int = at_least(1)
+    m: int = at_least(2)
 
 
 @dataclass
@@ -103,12 +87,10 @@ class PretrainConfig:
             "init_from must name a run when train.updates=0",
             self.init_from,
         )
-        longest = max(
-            self.pairs.k * max(self.pairs.m, self.validate.m), self.pairs.locomotion_k
-        )
+        longest = self.longest_pair
         rows = self.collect.envs * self.collect.workers
         shortest = {
-            self.world.length_setting: self.world.episode_length,
+            f"{self.world.group}.episode_length": self.world.episode_length,
             "validate.decisions": self.validate.decisions,
             "collect.ahead / (workers * envs)": self.collect.ahead // rows,
         }
@@ -123,3 +105,8 @@ class PretrainConfig:
             f"collect.ahead must be at most collect.decisions={self.collect.decisions}",
             self.collect.ahead,
         )
+
+    @property
+    def longest_pair(self) -> int:
+        """Most decisions between the views of a pair."""
+        return self.pairs.longest(max(self.pairs.m, self.validate.m))

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 
-from omegaconf import MISSING
 from tensordict import TensorDictBase
 from torchrl.data import Unbounded
 from torchrl.envs.transforms import Transform
 
 from toponav.builders import RewardMethod
-from toponav.config import RewardConfig, require_above_zero
+from toponav.config import RewardConfig, above
 
 
 class StraightReward(Transform):
@@ -33,10 +32,7 @@ class StraightReward(Transform):
 class StraightConfig(RewardConfig):
     """Settings of ``reward=straight``."""
 
-    amount: float = MISSING
-
-    def __post_init__(self) -> None:
-        require_above_zero("reward.amount", self.amount)
+    amount: float = above(0)
 
 
 class StraightMethod(RewardMethod):

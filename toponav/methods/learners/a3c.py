@@ -4,10 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
-from omegaconf import MISSING
 from tensordict import TensorDictBase
 
-from toponav.config import require_above_zero, require_between
+from toponav.config import above, between
 from toponav.methods.learners.actor_critic import ActorCriticConfig, ActorCriticLearner
 from toponav.objectives import A3CLoss, SharedRMSProp
 
@@ -16,13 +15,8 @@ from toponav.objectives import A3CLoss, SharedRMSProp
 class A3CConfig(ActorCriticConfig):
     """Settings of ``loss=a3c``."""
 
-    decay: float = MISSING
-    eps: float = MISSING
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_between("loss.decay", self.decay, 0, 1)
-        require_above_zero("loss.eps", self.eps)
+    decay: float = between(0, 1)
+    eps: float = above(0)
 
 
 class A3CLearner(ActorCriticLearner):

@@ -15,9 +15,9 @@ from toponav.builders import POLICY, Check, Consumer, World, make_device
 from toponav.config import (
     ExploreConfig,
     LearnerConfig,
+    at_least,
+    between,
     require,
-    require_at_least,
-    require_between,
 )
 from toponav.keys import (
     ACTION,
@@ -39,19 +39,15 @@ _LOGGED = (*_LOSSES, "entropy")
 class ActorCriticConfig(LearnerConfig):
     """Settings that PPO and A3C share."""
 
-    entropy_coeff: float = MISSING
-    final_entropy: float = MISSING
-    critic_coeff: float = MISSING
-    gamma: float = MISSING
-    lmbda: float = MISSING
+    entropy_coeff: float = at_least(0)
+    final_entropy: float = between(0, 1)
+    critic_coeff: float = at_least(0)
+    gamma: float = between(0, 1)
+    lmbda: float = between(0, 1)
     normalize_returns: bool = MISSING
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("final_entropy", "gamma", "lmbda"):
-            require_between(f"loss.{name}", getattr(self, name), 0, 1)
-        for name in ("entropy_coeff", "critic_coeff"):
-            require_at_least(f"loss.{name}", getattr(self, name), 0)
         require(
             self.gamma < 1 or not self.normalize_returns,
             "loss.gamma must be below 1 with loss.normalize_returns",

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from omegaconf import MISSING
 from tensordict import TensorDictBase
 
 from toponav.builders import World
-from toponav.config import ExploreConfig, require, require_at_least, require_between
+from toponav.config import ExploreConfig, at_least, between, require
 from toponav.methods.learners.actor_critic import ActorCriticConfig, ActorCriticLearner
 from toponav.objectives import RecurrentPPOLoss, SequenceMinibatches
 
@@ -18,16 +17,13 @@ from toponav.objectives import RecurrentPPOLoss, SequenceMinibatches
 class PPOConfig(ActorCriticConfig):
     """Settings of ``loss=ppo``."""
 
-    clip_epsilon: float = MISSING
-    epochs: int = MISSING
-    minibatches: int = MISSING
-    sequence: int = MISSING
+    clip_epsilon: float = between(0.001, 1)
+    epochs: int = at_least(1)
+    minibatches: int = at_least(1)
+    sequence: int = at_least(1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_between("loss.clip_epsilon", self.clip_epsilon, 0.001, 1)
-        for name in ("epochs", "minibatches", "sequence"):
-            require_at_least(f"loss.{name}", getattr(self, name), 1)
         nearest = max(round(self.rollout / self.sequence), 1) * self.sequence
         require(
             self.rollout % self.sequence == 0,

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from tensordict.nn import TensorDictModuleBase
 
 from toponav.builders import AgentKnowledge, GoalPlaces, GroundTruth
-from toponav.config import NavigateConfig, NavigatorConfig, require, require_choice
+from toponav.config import NavigateConfig, NavigatorConfig, require
 from toponav.methods.navigators.method import NavigatorMethod as NavigatorMethod
 from toponav.methods.navigators.oracle import ORACLE
 from toponav.methods.navigators.random import RANDOM
@@ -47,7 +47,8 @@ def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
     chosen = settings.navigator
     if name in (CHOSEN, chosen.name):
         return chosen
-    require_choice("evaluate.policies", name, (CHOSEN, *NAVIGATORS))
+    known = (CHOSEN, *NAVIGATORS)
+    require(name in known, f"evaluate.policies must be one of {', '.join(known)}", name)
     require(
         NAVIGATORS[name].schema is NavigatorConfig,
         f"evaluate.policies must name a navigator without settings beside {CHOSEN}, "

@@ -7,7 +7,7 @@ from omegaconf import MISSING
 from torch import Tensor
 
 from toponav.builders import AgentKnowledge, GoalPlaces
-from toponav.config import NavigatorConfig, SettingsError, require_at_least
+from toponav.config import NavigatorConfig, SettingsError, at_least
 from toponav.graph import Navigator, NavigatorRules
 from toponav.methods.navigators.method import NavigatorMethod
 
@@ -19,7 +19,7 @@ class TopologicalConfig(NavigatorConfig):
     """Settings of ``navigator=topological``."""
 
     tc_reach: float | None = MISSING
-    untraversed_edge_cost: float = MISSING
+    untraversed_edge_cost: float = at_least(1)
     hops: int = MISSING
     shortlist: int | None = MISSING
     follow: int = MISSING
@@ -32,8 +32,7 @@ class TopologicalConfig(NavigatorConfig):
     lost_for: int = MISSING
 
     def __post_init__(self) -> None:
-        cost = self.untraversed_edge_cost
-        require_at_least("navigator.untraversed_edge_cost", cost, 1)
+        super().__post_init__()
         try:
             self.rules(tc_reach=0.5)
         except ValueError as error:

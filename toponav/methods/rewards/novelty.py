@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-from omegaconf import MISSING
 from tensordict import NestedKey
 from torch import Tensor, nn
 from torchrl.envs.transforms import Transform
@@ -21,10 +20,10 @@ from toponav.builders import (
 from toponav.config import (
     ExploreConfig,
     RewardConfig,
-    require_at_least,
-    require_between,
-    require_choice,
-    require_threshold,
+    at_least,
+    between,
+    one_of,
+    threshold_or,
 )
 from toponav.keys import (
     COUNT_REWARD,
@@ -53,26 +52,15 @@ _CALIBRATED = {"auto": "reward_threshold", "tc": "tc_threshold"}
 class NoveltyConfig(RewardConfig):
     """Settings of ``reward=novelty``."""
 
-    alpha: float = MISSING
-    beta: float | None = MISSING
-    threshold: str = MISSING
-    floor: float = MISSING
-    combine: str = MISSING
-    persistence: int = MISSING
-    min_gap: int = MISSING
-    count_on: str = MISSING
-    capacity: int = MISSING
-
-    def __post_init__(self) -> None:
-        require_between("reward.alpha", self.alpha, 0, 1)
-        if self.beta is not None:
-            require_at_least("reward.beta", self.beta, 0)
-        require_threshold("reward.threshold", self.threshold, tuple(_CALIBRATED))
-        require_between("reward.floor", self.floor, 0.001, 1)
-        require_choice("reward.combine", self.combine, ("exclusive", "sum"))
-        for name in ("persistence", "min_gap", "capacity"):
-            require_at_least(f"reward.{name}", getattr(self, name), 1)
-        require_choice("reward.count_on", self.count_on, ("every", "entry"))
+    alpha: float = between(0, 1)
+    beta: float | None = at_least(0)
+    threshold: str = threshold_or(*_CALIBRATED)
+    floor: float = between(0.001, 1)
+    combine: str = one_of("exclusive", "sum")
+    persistence: int = at_least(1)
+    min_gap: int = at_least(1)
+    count_on: str = one_of("every", "entry")
+    capacity: int = at_least(1)
 
     @property
     def weights(self) -> tuple[float, float]:

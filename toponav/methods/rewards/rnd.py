@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import torch
-from omegaconf import MISSING
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import nn
 from torchrl.envs.transforms import RNDTransform, Transform
@@ -14,9 +13,9 @@ from toponav.builders import Networks, RewardMethod, World
 from toponav.config import (
     ExploreConfig,
     RewardConfig,
-    require_above_zero,
-    require_at_least,
-    require_between,
+    above,
+    at_least,
+    between,
 )
 from toponav.keys import INTRINSIC_REWARD, POLICY_PIXELS
 from toponav.modules import RandomNetworkDistillation
@@ -31,17 +30,11 @@ _NEXT_VIEWS: NestedKey = ("next", POLICY_PIXELS)
 class RNDConfig(RewardConfig):
     """Settings of ``reward=rnd``."""
 
-    lr: float = MISSING
-    width: int = MISSING
-    feature_dim: int = MISSING
-    update_fraction: float = MISSING
-    minibatches: int = MISSING
-
-    def __post_init__(self) -> None:
-        require_above_zero("reward.lr", self.lr)
-        require_between("reward.update_fraction", self.update_fraction, 0.001, 1)
-        for name in ("width", "feature_dim", "minibatches"):
-            require_at_least(f"reward.{name}", getattr(self, name), 1)
+    lr: float = above(0)
+    width: int = at_least(1)
+    feature_dim: int = at_least(1)
+    update_fraction: float = between(0.001, 1)
+    minibatches: int = at_least(1)
 
 
 class RNDMethod(RewardMethod):

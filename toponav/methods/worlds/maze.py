@@ -1,6 +1,6 @@
 """The mazes of ``conf/maze``, on an engine."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from torchrl.envs import EnvBase
 
@@ -10,6 +10,13 @@ from toponav.envs import Layout
 from toponav.worlds import WorldSpec
 
 
+@dataclass
+class MazeWorldConfig(WorldConfig):
+    """Settings of ``world=maze``; those of the maze are in ``conf/maze``."""
+
+    group = "maze"
+
+
 class MazeWorld:
     """A maze: it reports poses, cells and slots, so that coverage can be reported.
 
@@ -17,8 +24,7 @@ class MazeWorld:
         SettingsError: if the maze or the engine is unknown.
     """
 
-    # The settings of the maze are in ``conf/maze``.
-    schema = WorldConfig
+    schema = MazeWorldConfig
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
         self.maze, self.engine = settings.maze, settings.engine
