@@ -259,7 +259,7 @@ def test_what_is_wrong_is_said_in_one_sentence(
         ("reward.alpha=2", r"reward.alpha must lie in .0, 1., got 2 \(did you mean 1"),
         ("reward.beta=-1", "reward.beta must be at least 0, got -1"),
         ("reward.threshold=high", r"one of auto, tc or a number in \[0, 0.999\]"),
-        ("reward.threshold=1.5", r"got 1.5 \(did you mean 0.999\?\)"),
+        ("reward.threshold=1.5", r"or a number in \[0, 0.999\], got 1.5"),
         ("policy.input=smell", "policy.input must be one of auto, embedding, pixels"),
         ("collect.workers=0", "collect.workers must be at least 1, got 0"),
         ("collect.workers=3", r"collect.workers=3, got 4 \(did you mean 3\?\)"),

@@ -8,11 +8,6 @@ from toponav.builders.collection import (
     make_frame_buffer as make_frame_buffer,
     make_walk_policy as make_walk_policy,
 )
-from toponav.builders.devices import (
-    make_autocast as make_autocast,
-    make_device as make_device,
-    one_thread as one_thread,
-)
 from toponav.builders.maps import make_map as make_map, threshold_of as threshold_of
 from toponav.builders.mazes import (
     engine_world as engine_world,
@@ -51,7 +46,14 @@ from toponav.builders.pretraining import (
     prepare_networks as prepare_networks,
     pretraining_decisions as pretraining_decisions,
 )
-from toponav.builders.process_memory import keep_freed_memory as keep_freed_memory
+from toponav.builders.processes import (
+    keep_freed_memory as keep_freed_memory,
+    make_autocast as make_autocast,
+    make_device as make_device,
+    one_thread as one_thread,
+    seed_of as seed_of,
+    stop_collector as stop_collector,
+)
 from toponav.builders.protocols import (
     NETWORKS as NETWORKS,
     POLICY as POLICY,
@@ -60,9 +62,4 @@ from toponav.builders.protocols import (
     RewardMethod as RewardMethod,
     World as World,
 )
-from toponav.builders.rollouts import (
-    Rollout as Rollout,
-    collect_rollout as collect_rollout,
-)
-from toponav.builders.seeds import seed_of as seed_of
-from toponav.builders.shutdown import stop_collector as stop_collector
+from toponav.builders.rollouts import collect_rollout as collect_rollout

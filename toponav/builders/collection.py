@@ -13,21 +13,13 @@ from torchrl.envs.transforms import ExcludeTransform
 from torchrl.weight_update import NoWeightSyncScheme
 from tqdm import tqdm
 
-from toponav.builders.process_memory import keep_freed_memory
+from toponav.builders.processes import keep_freed_memory, stop_collector
 from toponav.builders.protocols import World
 from toponav.builders.rollouts import collect_rollout
-from toponav.builders.shutdown import stop_collector
 from toponav.collectors import PatientAsyncCollector
 from toponav.config import PretrainConfig, require
 from toponav.data import HeldOut
-from toponav.keys import (
-    ACTION,
-    HEADING,
-    NETWORK_PIXELS,
-    PIXELS,
-    POSITION,
-    TRAJECTORY,
-)
+from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, PIXELS, POSITION, TRAJECTORY
 from toponav.policies import RandomPolicy, StickyPolicy, forward_weights
 from toponav.transforms import AreaDownsample
 from toponav.worlds import WorldSpec
@@ -77,22 +69,14 @@ def make_collector(
         EngineError: from the first batch, if the engine cannot start.
     """
     collect = config.collect
+    make = partial(make_walk_env, envs=collect.envs, halve=config.model.halve)
     per_world = -(-max(collect.workers, len(worlds)) // len(worlds))
     workers = [
         (worlds[number % len(worlds)], _SEEDS_PER_RUN * config.seed + number)
         for number in range(per_world * len(worlds))
     ]
     return PatientAsyncCollector(
-        [
-            partial(
-                make_walk_env,
-                world,
-                envs=collect.envs,
-                seed=seed,
-                halve=config.model.halve,
-            )
-            for world, seed in workers
-        ],
+        [partial(make, world, seed=seed) for world, seed in workers],
         policy_factory=[
             partial(make_walk_policy, collect.policy, world.spec, seed=seed)
             for world, seed in workers
@@ -171,8 +155,8 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
     Raises:
         EngineError: if the engine cannot start.
     """
-    validate = config.validate
-    found = []
+    validate, found = config.validate, []
+    total = validate.episodes * validate.decisions
     for number, world in enumerate(worlds):
         seed = _SEEDS_PER_RUN * config.seed + _FIRST_HELD_OUT_SEED + number
         env = world.make_env(
@@ -185,11 +169,9 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
         policy = make_walk_policy("uniform", world.spec, seed=seed)
         # One draw that is not played: held-out episodes are the same in all versions.
         policy(TensorDict(batch_size=[validate.episodes]))
-        total = validate.episodes * validate.decisions
+        name = f"held out {world.name}"
         try:
-            with tqdm(
-                total=total, unit="decision", desc=f"held out {world.name}"
-            ) as bar:
+            with tqdm(total=total, unit="decision", desc=name) as bar:
                 rollout = collect_rollout(
                     env,
                     policy,

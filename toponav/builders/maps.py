@@ -19,13 +19,7 @@ def make_map(
     *,
     world: WorldSpec,
 ) -> TopologicalMap:
-    """An empty map.
-
-    Args:
-        config: its rules.
-        tc: embeds and compares, in ``eval()`` mode.
-        thresholds: those that were calibrated.
-        world: that is explored.
+    """An empty map of a world; ``tc`` embeds and compares, in ``eval()`` mode.
 
     Raises:
         SettingsError: if a threshold was not calibrated, or does not fit the other.

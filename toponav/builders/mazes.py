@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable
 
-import torch
-
 from toponav.config import MazeConfig, SettingsError
 from toponav.envs import (
     Layout,
@@ -55,18 +53,8 @@ def make_env(
     seed: int = 0,
     privileged: bool = False,
     goal_cells: Iterable[tuple[int, int]] | None = None,
-    device: torch.device | str = "cpu",
 ) -> MazeEnv:
-    """A batch of mazes.
-
-    Args:
-        config: the maze and what its episodes hold.
-        engine: name of the engine that draws it.
-        batch_size: number of mazes; ``None`` is one without a batch dimension.
-        seed: seed of the episodes.
-        privileged: whether to add the ground truth that evaluation needs.
-        goal_cells: cells where the goal can be; all but the slots unless given.
-        device: where the tensors go.
+    """A batch of mazes on an engine; the other arguments are those of `MazeEnv`.
 
     Raises:
         SettingsError: if the settings do not fit the maze.
@@ -89,7 +77,6 @@ def make_env(
             marks=config.marks,
             privileged=privileged,
             seed=seed,
-            device=device,
         )
     except ValueError as error:
         raise SettingsError(f"maze: {error}") from error

@@ -75,17 +75,7 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
 
 
 def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None:
-    """Refuse the run of another maze.
-
-    Args:
-        run: its folder.
-        maze: where the agent is to walk.
-        layout: of that maze.
-
-    Raises:
-        SettingsError: if the folder holds no exploration, or one of a maze with another
-            layout or appearance.
-    """
+    """Refuse the run of a maze with another layout or appearance."""
     names = ("name", "path", "rows", "cols", "seed", "loops", *_APPEARANCE)
     found = {name: run_setting(run, f"maze.{name}") for name in names}
     explored = replace(maze, **found)

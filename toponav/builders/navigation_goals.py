@@ -11,14 +11,15 @@ from torchrl.envs.transforms import Compose
 
 from toponav.builders.mazes import make_env
 from toponav.builders.navigation import AgentKnowledge, GroundTruth
+from toponav.builders.processes import seed_of
 from toponav.builders.rollouts import collect_rollout
-from toponav.builders.seeds import seed_of
 from toponav.config import NavigateConfig, SettingsError
 from toponav.ground_truth import pick_goal_views
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
 from toponav.policies import FrontierExpert
 from toponav.transforms import GoalViews, PreviousReward
 
+Cell = tuple[int, int]
 # Apart from the seeds of the episodes.
 _WALK, _WALKERS = 55, 4
 # Decisions of a walk between two choices of pictures; most decisions for each cell.
@@ -73,23 +74,15 @@ def make_goal_places(
 
 
 def _choose(
-    config: NavigateConfig,
-    truth: GroundTruth,
-    cells: Sequence[tuple[int, int]],
-    poses: np.ndarray,
+    config: NavigateConfig, truth: GroundTruth, cells: Sequence[Cell], poses: np.ndarray
 ) -> np.ndarray:
     """Numbers of the pictures of each cell, int ``[K, V]``, -1 without any."""
-    return pick_goal_views(
-        poses[:, :2],
-        poses[:, 2],
-        cells,
-        truth.distances,
-        num_views=config.goals.views,
-    )
+    places, headings, views = poses[:, :2], poses[:, 2], config.goals.views
+    return pick_goal_views(places, headings, cells, truth.distances, num_views=views)
 
 
 def _walk_for_views(
-    config: NavigateConfig, truth: GroundTruth, cells: Sequence[tuple[int, int]]
+    config: NavigateConfig, truth: GroundTruth, cells: Sequence[Cell]
 ) -> tuple[Tensor, np.ndarray]:
     """Views and poses of a scripted walk, of which only those chosen are kept.
 
@@ -130,15 +123,9 @@ def _walk_for_views(
 def make_navigation_env(
     config: NavigateConfig, places: GoalPlaces, *, envs: int, seed: int
 ) -> EnvBase:
-    """A batch of mazes with a goal, its pictures, and all that a navigator reads.
+    """E mazes with a goal, its pictures, and all that a navigator reads.
 
     The ground truth is there too, for those who judge and for the oracle.
-
-    Args:
-        config: of the run.
-        places: where the goal can be.
-        envs: number of mazes E side by side.
-        seed: of the episodes.
 
     Raises:
         SettingsError: if the settings do not fit the maze.

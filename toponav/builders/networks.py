@@ -57,20 +57,13 @@ class Networks:
         """Where they compute."""
         return next(self.tc.parameters()).device
 
-    @property
-    def halve(self) -> bool:
-        """Whether views may be stored at half their size: all that `small` looks at."""
-        return self.model.encoder == "small"
-
 
 def make_encoder(config: ModelConfig, world: WorldSpec) -> SmallEncoder | ResNet18:
     """The encoder that a configuration names, for the views of a world."""
     if config.encoder == "resnet18":
         return ResNet18(config.embedding_dim, image_size=world.view_size)
     return SmallEncoder(
-        config.embedding_dim,
-        batch_norm=config.batch_norm,
-        image_size=world.view_size,
+        config.embedding_dim, batch_norm=config.batch_norm, image_size=world.view_size
     )
 
 
@@ -83,15 +76,10 @@ def make_networks(
         SettingsError: if the encoder cannot read views of this size.
 
     Examples:
+        >>> encoder = {"encoder": "small", "embedding_dim": 32, "batch_norm": True}
+        >>> heads = {"comparator_hidden": [16], "locomotion_hidden": [16]}
         >>> config = ModelConfig(
-        ...     encoder="small",
-        ...     embedding_dim=32,
-        ...     batch_norm=True,
-        ...     share_encoder=True,
-        ...     comparator="difference",
-        ...     projection_dim=16,
-        ...     comparator_hidden=[16],
-        ...     locomotion_hidden=[16],
+        ...     **encoder, **heads, share_encoder=True, comparator="difference"
         ... )
         >>> world = WorldSpec(view_size=(64, 64), actions=("left", "right"))
         >>> networks = make_networks(config, world)
@@ -102,21 +90,16 @@ def make_networks(
         encoder = make_encoder(config, world)
     except ValueError as error:
         raise SettingsError(f"model.encoder={config.encoder}: {error}") from error
+    dim, hidden = config.embedding_dim, config.comparator_hidden
     comparator: ConcatComparator | DifferenceComparator
     if config.comparator == "concat":
-        comparator = ConcatComparator(
-            config.embedding_dim, hidden=config.comparator_hidden
-        )
+        comparator = ConcatComparator(dim, hidden=hidden)
     else:
         comparator = DifferenceComparator(
-            config.embedding_dim,
-            projection_dim=config.projection_dim,
-            hidden=config.comparator_hidden,
+            dim, projection_dim=config.projection_dim, hidden=hidden
         )
     head = LocomotionHead(
-        config.embedding_dim,
-        hidden=config.locomotion_hidden,
-        num_actions=world.num_actions,
+        dim, hidden=config.locomotion_hidden, num_actions=world.num_actions
     )
     other = encoder if config.share_encoder else make_encoder(config, world)
     networks = Networks(
@@ -137,11 +120,7 @@ def start_networks(
     *,
     device: torch.device | str = "cpu",
 ) -> Networks:
-    """Networks to train: fresh ones, or those of the run folder or file ``init_from``.
-
-    Raises:
-        SettingsError: as `load_networks`, if ``init_from`` is not usable.
-    """
+    """Networks to train: fresh ones, or those that ``init_from`` names."""
     if init_from is None:
         return make_networks(config, world, device=device)
     return load_networks(
@@ -176,13 +155,12 @@ def load_networks(
     Args:
         path: the file, or the run folder that holds it.
         setting: the setting that named it, for the errors.
-        model: the model that the networks must be of, if any.
-        world: the world that they must be made for, if any.
+        model: that the networks must be of, if any.
+        world: that they must be made for, if any.
         device: where the networks go.
 
     Raises:
-        SettingsError: if the file is missing, damaged, none of ours, of another
-            version, of another model or made for another world.
+        SettingsError: if the file is not usable, or is of another model or world.
     """
     path = Path(path)
     file = path / NETWORKS_FILE if path.is_dir() else path

@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor, nn
 
-from toponav.builders.devices import has_fast_bf16
 from toponav.builders.networks import make_networks
+from toponav.builders.processes import has_fast_bf16
 from toponav.config import ModelConfig
 from toponav.modules import TCNetwork
 from toponav.worlds import WorldSpec

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import IO
 
@@ -37,27 +38,19 @@ def prepare_networks(
 
     In this order: those that the run already has, if it resumes; those of
     ``pretrained``; those of an earlier pre-training with the same settings; those of a
-    pre-training that starts now, in a process of its own, which a later run finds.
-
-    Args:
-        config: settings of the run.
-        world: where it explores; the networks must have been made for such a world.
-        folder: the run folder.
-        script: the recipe that pre-trains.
+    pre-training that starts now by ``script``, which a later run finds.
 
     Raises:
         SettingsError: if ``pretrained`` names no usable networks.
         TrainingError: if the pre-training fails.
     """
+    load = partial(load_networks, world=world.spec)
     if config.resume and (folder / NETWORKS_FILE).is_file():
-        return load_networks(folder, setting="resume", world=world.spec)
+        return load(folder, setting="resume")
     if config.pretrained is not None:
-        networks = load_networks(
-            config.pretrained, setting="pretrained", world=world.spec
-        )
+        networks = load(config.pretrained, setting="pretrained")
     else:
-        found = pretrain(config, script)
-        networks = load_networks(found, setting="pretraining.folder", world=world.spec)
+        networks = load(pretrain(config, script), setting="pretraining.folder")
     save_networks(networks, folder / NETWORKS_FILE)
     return networks
 
@@ -68,13 +61,6 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
     The folder's name has a key made of all settings that matter, and one process at a
     time works in it: another that wants the same waits. A pre-training that was cut
     off resumes.
-
-    Args:
-        config: settings of the exploration.
-        script: the recipe that pre-trains.
-
-    Raises:
-        TrainingError: if the pre-training fails.
     """
     overrides, folder = pretraining_overrides(config), pretraining_folder(config)
     folder.mkdir(parents=True, exist_ok=True)
@@ -98,13 +84,8 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
 def pretraining_decisions(config: ExploreConfig) -> float:
     """Decisions that the networks learned from before, as far as their runs say.
 
-    A run says in its settings how many it collected and from which run it began.
-
-    Args:
-        config: settings of the run.
-
-    Returns:
-        Their number, NaN if a run's settings are not found.
+    A run says in its settings how many it collected and from which run it began; NaN if
+    the settings of one are not found.
     """
     at = config.pretrained or str(pretraining_folder(config))
     decisions, seen = 0.0, set[str]()
@@ -152,19 +133,15 @@ def pretraining_maze(config: ExploreConfig) -> MazeConfig:
 def pretraining_overrides(config: ExploreConfig) -> list[str]:
     """The command line of the pre-training: all that its result depends on."""
     maze = pretraining_maze(config)
-    groups = {
-        "maze": asdict(maze),
-        "model": asdict(config.model),
-        "pairs": asdict(config.pairs),
-    }
+    groups = {"maze": maze, "model": config.model, "pairs": config.pairs}
     other = [f"engine={config.engine}"]
     if config.world.name != "maze":
         other.insert(0, f"world={config.world.name}")
-        groups["world"] = asdict(config.world)
+        groups["world"] = config.world
     values = [
         f"{group}.{name}={_in_hydra(value)}"
         for group, settings in groups.items()
-        for name, value in settings.items()
+        for name, value in asdict(settings).items()
     ]
     return [
         f"maze={maze.name}",

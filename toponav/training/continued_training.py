@@ -40,7 +40,7 @@ class ContinuedTraining(Consumer):
     ) -> None:
         self.config = config = settings.online
         num_frames = frames_that_fit(
-            config.buffer_gb, networks.view_size, halve=networks.halve
+            config.buffer_gb, networks.view_size, halve=networks.model.halve
         )
         storage = LazyTensorStorage(max(num_frames, config.ahead))
         self.buffer = TensorDictReplayBuffer(storage=storage)
