@@ -78,6 +78,7 @@ def make_networks(
     Examples:
         >>> encoder = {"encoder": "small", "embedding_dim": 32, "batch_norm": True}
         >>> heads = {"comparator_hidden": [16], "locomotion_hidden": [16]}
+        >>> heads["projection_dim"] = 16
         >>> config = ModelConfig(
         ...     **encoder, **heads, share_encoder=True, comparator="difference"
         ... )
