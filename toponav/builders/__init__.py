@@ -62,4 +62,7 @@ from toponav.builders.protocols import (
     RewardMethod as RewardMethod,
     World as World,
 )
-from toponav.builders.rollouts import collect_rollout as collect_rollout
+from toponav.builders.rollouts import (
+    Rollout as Rollout,
+    collect_rollout as collect_rollout,
+)
