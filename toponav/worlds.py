@@ -5,17 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What one decision does to a pose, in a world that reports poses.
+    """What one decision does to a pose, in a world that reports poses."""
 
-    Args:
-        cell_size: side of a cell in map units.
-        step: map units moved in one forward decision.
-        turn: degrees turned in one turning decision.
-    """
-
-    cell_size: float
-    step: float
-    turn: float
+    cell_size: float  # side of a cell in map units
+    step: float  # map units moved in one forward decision
+    turn: float  # degrees turned in one turning decision
 
     @property
     def decisions_per_cell(self) -> float:
@@ -30,27 +24,18 @@ class WorldSpec:
     Every environment carries one as ``env.world``. It is made where the world is: by an
     engine, or from the spaces of a Gymnasium environment.
 
-    Args:
-        view_size: height and width of a view in pixels.
-        actions: the name of each discrete action, in the order of their numbers.
-        tics_per_decision: engine tics for which a decision holds its action.
-        motion: what a decision does; ``None`` in a world without ground truth: there,
-            coverage and the quality of maps are not reported.
-        goal_reward: reward for reaching a goal; ``None`` in a world without goals.
-        apple_reward: reward for an apple; ``None`` in a world without apples.
-
     Examples:
         >>> world = WorldSpec(view_size=(64, 64), actions=("left", "right"))
         >>> world.num_actions, world.has_truth
         (2, False)
     """
 
-    view_size: tuple[int, int]
-    actions: tuple[str, ...]
-    tics_per_decision: int = 1
-    motion: Motion | None = None
-    goal_reward: float | None = None
-    apple_reward: float | None = None
+    view_size: tuple[int, int]  # height and width in pixels
+    actions: tuple[str, ...]  # the name of each, in the order of their numbers
+    tics_per_decision: int = 1  # of the engine, for which an action is held
+    motion: Motion | None = None  # none in a world without ground truth
+    goal_reward: float | None = None  # for reaching a goal; none without goals
+    apple_reward: float | None = None  # none without apples
 
     @property
     def num_actions(self) -> int:

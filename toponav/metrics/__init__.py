@@ -37,16 +37,14 @@ from toponav.metrics.navigation_metrics import (
 )
 from toponav.metrics.statistics import (
     Floats as Floats,
-    bootstrap as bootstrap,
-    correlation as correlation,
-    running_mean as running_mean,
-)
-from toponav.metrics.sweep_tables import (
     Scores as Scores,
     aligned_table as aligned_table,
+    bootstrap as bootstrap,
+    correlation as correlation,
     csv_table as csv_table,
     decisions_to_reach as decisions_to_reach,
     markdown_table as markdown_table,
+    running_mean as running_mean,
     summarize_scores as summarize_scores,
 )
 from toponav.metrics.tc_report import (

@@ -102,12 +102,9 @@ def tc_report(
 ) -> TCReport:
     """Measure a temporal correlation on held-out pairs.
 
-    Args:
-        similarity: probabilities ``[P]``, float32.
-        label: ``[P]``; 1: at most k decisions apart in the episode, 0: at least M k.
-        truth: of the same pairs.
-        cell_size: in map units.
-        max_action_distance: k.
+    ``similarity`` are probabilities ``[P]``, float32. A ``label`` ``[P]`` is 1 for at
+    most k decisions apart in the episode, 0 for at least M k; k is
+    ``max_action_distance``, and ``cell_size`` is in map units.
     """
     if not len(similarity) == len(label) == len(truth.distance):
         got = f"{len(similarity)}, {len(label)} and {len(truth.distance)}"
