@@ -43,12 +43,8 @@ def useful_actions(
     """Which actions bring the target's pose closer, bool ``[P, A]``.
 
     The distance is straight and the motion free of walls: pairs of the L-network are a
-    few decisions apart and see each other.
-
-    Args:
-        positions: of the views and of the targets, map units, ``[P, 2]`` each.
-        headings: of both, degrees, ``[P]`` or ``[P, 1]`` each.
-        world: as in `move`.
+    few decisions apart and see each other. ``positions`` ``[P, 2]`` in map units and
+    ``headings`` ``[P]`` in degrees are those of the views and of the targets.
 
     Examples:
         >>> motion = Motion(cell_size=10.0, step=2.5, turn=20.0)

@@ -35,10 +35,8 @@ def compute_dtype(weight: Tensor) -> torch.dtype:
 
 def pixels_to_planes(pixels: Tensor, dtype: torch.dtype) -> Tensor:
     """Scale ``[N, H, W, 3]`` to [0, 1], seen as ``[N, 3, H, W]``: no pixel moves."""
-    planes = pixels.permute(0, 3, 1, 2)
-    if pixels.dtype == torch.uint8:
-        return planes.to(dtype) / 255
-    return planes.to(dtype)
+    planes = pixels.permute(0, 3, 1, 2).to(dtype)
+    return planes / 255 if pixels.dtype == torch.uint8 else planes
 
 
 def use_channels_last(layer: nn.Conv2d) -> nn.Conv2d:

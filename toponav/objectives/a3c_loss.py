@@ -36,7 +36,7 @@ class A3CLoss(GAEMixin, LossModule):
     be minimised. ``entropy`` is the mean entropy in nats. ``R`` is the n-step return
     and ``A = R - V`` unless ``make_value_estimator`` chooses another estimator (see
     `bootstrapped_advantage`); an advantage and a value target in the batch are used as
-    they are. There is no target network.
+    they are.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
