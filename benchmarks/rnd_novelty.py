@@ -2,9 +2,9 @@
 
     python benchmarks/rnd_novelty.py --out results/rnd_novelty.json
 
-Views of sticky random walks in the development maze; half of its cells, drawn by chance,
-count as seen. A predictor learns from views of seen cells, and then its errors on other
-views of seen cells are compared with those on views of unseen cells. The AUC is the
+Views of sticky random walks in the development maze; half of its cells, drawn at
+random, count as seen. A predictor learns from views of seen cells, and then its errors
+on other views of seen cells are compared with those on unseen cells. The AUC is the
 probability that an unseen cell's view has the larger error: 0.5 is a coin, 1 would pay
 for new places alone. Beside it stands the share of the target's variance that is not
 predicted, for views and training of several sizes.
