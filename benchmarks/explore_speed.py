@@ -37,6 +37,7 @@ from toponav.builders import (
     NETWORKS,
     Networks,
     World,
+    collect_batches,
     keep_freed_memory,
     make_networks,
     network_dtype,
@@ -55,7 +56,6 @@ from toponav.methods import (
 from toponav.training import (
     EpisodeLog,
     Explorer,
-    collect_batches,
     make_explore_collector,
     make_explore_env,
     make_explorer,

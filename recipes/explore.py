@@ -24,6 +24,8 @@ import torch
 
 from toponav.builders import (
     NETWORKS_FILE,
+    CollectionError,
+    collect_batches,
     keep_freed_memory,
     prepare_networks,
     save_networks,
@@ -44,9 +46,7 @@ from toponav.reports import (
 )
 from toponav.runs import stop_requests
 from toponav.training import (
-    CollectionError,
     ExplorationState,
-    collect_batches,
     make_consumers,
     make_explore_collector,
     make_explorer,

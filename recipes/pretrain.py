@@ -22,6 +22,7 @@ from tqdm import tqdm
 from toponav.builders import (
     FRAME_KEYS,
     NETWORKS_FILE,
+    CollectionError,
     collect_frames,
     collect_held_out,
     keep_freed_memory,
@@ -81,37 +82,41 @@ def main(settings: PretrainConfig, folder: Path) -> None:
         counts = {"update": trainer.updates, "decisions": decisions, "seconds": seconds}
         return counts | validate()
 
-    with (
-        collect_frames(
-            settings, worlds, needed=trainer.updates < train.updates
-        ) as batches,
-        tqdm(total=train.updates, initial=trainer.updates, unit="update") as bar,
-    ):
-        while trainer.updates < train.updates:
-            # Collect the decisions that are due before this update.
-            while decisions < decisions_due(settings, trainer.updates):
-                bar.set_description(f"collect, {decisions:,} decisions")
-                batch = next(batches).flatten().select(*FRAME_KEYS)
-                buffer.extend(batch)
-                decisions += len(batch)
+    try:
+        with (
+            collect_frames(
+                settings, worlds, needed=trainer.updates < train.updates
+            ) as batches,
+            tqdm(total=train.updates, initial=trainer.updates, unit="update") as bar,
+        ):
+            while trainer.updates < train.updates:
+                # Collect the decisions that are due before this update.
+                while decisions < decisions_due(settings, trainer.updates):
+                    bar.set_description(f"collect, {decisions:,} decisions")
+                    batch = next(batches).flatten().select(*FRAME_KEYS)
+                    buffer.extend(batch)
+                    decisions += len(batch)
 
-            # Train on pairs of all frames so far.
-            losses = trainer.step()
-            bar.set_description("train", refresh=False)
-            bar.update()
-            is_last = trainer.updates == train.updates
+                # Train on pairs of all frames so far.
+                losses = trainer.step()
+                bar.set_description("train", refresh=False)
+                bar.update()
+                is_last = trainer.updates == train.updates
 
-            # Measure on the held-out episodes.
-            if is_last or trainer.updates % settings.validate.every == 0:
-                bar.set_description("validate")
-                history.append(measure() | losses)
-                write_measurements(folder, loggers, history)
-                bar.set_postfix(progress_figures(history[-1]))
+                # Measure on the held-out episodes.
+                if is_last or trainer.updates % settings.validate.every == 0:
+                    bar.set_description("validate")
+                    history.append(measure() | losses)
+                    write_measurements(folder, loggers, history)
+                    bar.set_postfix(progress_figures(history[-1]))
 
-            # Save, now and then and at the end.
-            if is_last or time.monotonic() - saved > train.save_every_s:
-                save_training(folder, networks, trainer, history)
-                saved = time.monotonic()
+                # Save, now and then and at the end.
+                if is_last or time.monotonic() - saved > train.save_every_s:
+                    save_training(folder, networks, trainer, history)
+                    saved = time.monotonic()
+    except CollectionError:
+        save_training(folder, networks, trainer, history)
+        raise
     if not history:  # Only the networks of `init_from` are to be measured.
         write_history(folder / "metrics.csv", [measure()])
 

@@ -66,3 +66,8 @@ from toponav.builders.rollouts import (
     Rollout as Rollout,
     collect_rollout as collect_rollout,
 )
+from toponav.builders.watch import (
+    CollectionError as CollectionError,
+    collect_batches as collect_batches,
+    start_collector as start_collector,
+)

@@ -7,6 +7,7 @@ from functools import partial
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torchrl.collectors import BaseCollector
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
 from torchrl.envs.transforms import ExcludeTransform
@@ -16,6 +17,7 @@ from tqdm import tqdm
 from toponav.builders.processes import keep_freed_memory, stop_collector
 from toponav.builders.protocols import World
 from toponav.builders.rollouts import collect_rollout
+from toponav.builders.watch import collect_batches, start_collector
 from toponav.collectors import PatientAsyncCollector
 from toponav.config import PretrainConfig, require
 from toponav.data import HeldOut
@@ -55,9 +57,7 @@ def make_walk_policy(kind: str, world: WorldSpec, *, seed: int) -> TensorDictMod
     return RandomPolicy(world.num_actions, seed=seed)
 
 
-def make_collector(
-    config: PretrainConfig, worlds: Sequence[World]
-) -> PatientAsyncCollector:
+def make_collector(config: PretrainConfig, worlds: Sequence[World]) -> BaseCollector:
     """Processes that walk at random in the worlds while the caller does other things.
 
     Each delivers batches of ``collect.batch`` decisions and stays at most one batch
@@ -66,7 +66,8 @@ def make_collector(
     it runs (it would drop a rollout and hang).
 
     Raises:
-        EngineError: from the first batch, if the engine cannot start.
+        EngineError: if the engine cannot start.
+        CollectionError: if a process dies or hangs while it starts.
     """
     collect = config.collect
     make = partial(make_walk_env, envs=collect.envs, halve=config.model.halve)
@@ -75,7 +76,8 @@ def make_collector(
         (worlds[number % len(worlds)], _SEEDS_PER_RUN * config.seed + number)
         for number in range(per_world * len(worlds))
     ]
-    return PatientAsyncCollector(
+    start = partial(
+        PatientAsyncCollector,
         [partial(make, world, seed=seed) for world, seed in workers],
         policy_factory=[
             partial(make_walk_policy, collect.policy, world.spec, seed=seed)
@@ -89,6 +91,7 @@ def make_collector(
         weight_sync_schemes={"policy": NoWeightSyncScheme()},
         auto_register_policy_transforms=False,
     )
+    return start_collector(start, max_idle_s=collect.max_idle_s)
 
 
 @contextmanager
@@ -104,7 +107,7 @@ def collect_frames(
         return
     collector = make_collector(config, worlds)
     try:
-        yield iter(collector)
+        yield collect_batches(collector, max_idle_s=config.collect.max_idle_s)
     finally:
         stop_collector(collector)
 

@@ -23,6 +23,7 @@ class CollectConfig(Settings):
     envs: int = at_least(1)
     batch: int = at_least(1)
     policy: str = one_of("uniform", "sticky")
+    max_idle_s: int = at_least(1)
 
     def __post_init__(self) -> None:
         super().__post_init__()

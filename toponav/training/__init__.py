@@ -25,8 +25,6 @@ from toponav.training.exploration_state import (
     ExplorationState as ExplorationState,
 )
 from toponav.training.explore_collector import (
-    CollectionError as CollectionError,
-    collect_batches as collect_batches,
     make_explore_collector as make_explore_collector,
     publish as publish,
 )

@@ -1,12 +1,11 @@
 """The processes that explore, and how they get their weights."""
 
-import threading
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey
 from torch import nn
 from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
 from torchrl.envs import EnvBase
@@ -28,14 +27,10 @@ from toponav.collectors import (
     PatientAsyncCollector,
     Subscription,
 )
-from toponav.config import ExploreConfig, TrainingError
+from toponav.config import ExploreConfig
 from toponav.keys import PIXELS
 from toponav.methods import LEARNERS, make_reward
 from toponav.training.explorer import Explorer, make_explore_env, make_explorer
-
-
-class CollectionError(TrainingError):
-    """The collecting processes stopped delivering."""
 
 
 def publish(
@@ -74,6 +69,7 @@ def make_explore_collector(
 
     Raises:
         EngineError: if the engine cannot start.
+        CollectionError: if a process dies or hangs while it starts.
     """
     collect = settings.collect
     arguments: dict[str, Any] = {
@@ -172,41 +168,3 @@ def _subscriptions(explorer: Explorer) -> list[Subscription]:
         )
         for name in explorer.modules()
     ]
-
-
-def collect_batches(
-    collector: BaseCollector, *, max_idle_s: float
-) -> Iterator[TensorDictBase]:
-    """Batches of a collector, or an error of one sentence if no more come.
-
-    A process that died is noticed within a second, one that hangs after
-    ``max_idle_s``: it is ended then, since nothing else would wake the caller.
-
-    Raises:
-        CollectionError: if a process died or hung.
-    """
-    batches: Iterator[TensorDictBase] = iter(collector)
-    hung = threading.Event()
-
-    def end_processes() -> None:
-        hung.set()
-        for process in collector.procs:
-            process.kill()
-
-    while True:
-        watch = threading.Timer(max_idle_s, end_processes)
-        watch.daemon = True
-        watch.start()
-        try:
-            batch = next(batches)
-        except (RuntimeError, EOFError, OSError) as error:
-            if hung.is_set():
-                reason = f"no batch came in {max_idle_s:g} s (collect.max_idle_s)"
-            else:
-                reason = str(error).strip().splitlines()[0][:120]
-            raise CollectionError(
-                f"the collecting processes must live as long as the run, got: {reason}"
-            ) from error
-        finally:
-            watch.cancel()
-        yield batch
