@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,6 +66,12 @@ def test_the_caption_counts_up_to_its_frame() -> None:
         "return 0.0",
         "waypoints 1 (0 spurious)",
     ]
+
+
+def test_without_a_topological_memory_the_caption_has_no_waypoints() -> None:
+    none = np.zeros(5, bool)
+    trace = replace(episodes.trace(), is_new_waypoint=none, spurious_waypoint=none)
+    assert caption(trace, 3, since=1)[-1] == "return 3.5"
 
 
 def test_the_caption_fits_below_the_pictures() -> None:

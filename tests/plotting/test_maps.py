@@ -74,6 +74,13 @@ def test_the_titles_say_what_the_numbers_are() -> None:
     )
 
 
+def test_without_a_topological_memory_nothing_speaks_of_waypoints() -> None:
+    none = np.zeros(5, bool)
+    _, plan, _ = drawn(is_new_waypoint=none, spurious_waypoint=none)
+    assert plan.get_title(loc="left") == "4 decisions: coverage 80%, return 6.5"
+    assert list(marks(plan)) == ["start", "end"]
+
+
 def test_occupancy_is_the_share_of_the_time_and_never_is_hatched() -> None:
     figure, _, time = drawn()
     image = time.images[-1].get_array()

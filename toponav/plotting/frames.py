@@ -52,14 +52,16 @@ def explored_frames(
 
 def caption(trace: EpisodeTrace, at: int, *, since: int) -> list[str]:
     """Texts below the frame of observation ``at``; ``since`` is the frame before's."""
-    spurious = int(trace.spurious_waypoint[: at + 1].sum())
-    return [
+    texts = [
         f"decision {at:,} of {len(trace) - 1:,}",
         f"coverage {trace.coverage[at]:.0%}",
         f"reward +{trace.reward[since + 1 : at + 1].sum():.2f}",
         f"return {trace.reward[: at + 1].sum():.1f}",
-        f"waypoints {trace.is_new_waypoint[: at + 1].sum()} ({spurious} spurious)",
     ]
+    if trace.is_new_waypoint.any():
+        new, spurious = trace.is_new_waypoint[: at + 1], trace.spurious_waypoint
+        texts.append(f"waypoints {new.sum()} ({spurious[: at + 1].sum()} spurious)")
+    return texts
 
 
 def _strip_of_numbers(

@@ -50,7 +50,10 @@ def reward_limits(reward: ArrayLike) -> tuple[float, float]:
 
 
 def draw_exploration(trace: EpisodeTrace, plan: FloorPlan) -> Figure:
-    """Draw a trajectory coloured by its reward, its waypoints, and time per cell."""
+    """Draw a trajectory coloured by its reward, and time per cell.
+
+    Waypoints are drawn and counted where the episode has any.
+    """
     figure = new_figure(12.5, 5.6)
     left, right = figure.subplots(1, 2)
     plan.draw(left)
@@ -58,22 +61,21 @@ def draw_exploration(trace: EpisodeTrace, plan: FloorPlan) -> Figure:
     label = "intrinsic reward (lightest: the highest 2 %)"
     look: dict[str, Any] = {"label": label, "limits": limits, "jump": plan.jump}
     draw_trajectory(left, trace.positions, reward, **look)
-    spurious = trace.is_new_waypoint & trace.spurious_waypoint
-    sound = trace.is_new_waypoint & ~trace.spurious_waypoint
-    add_dots(left, trace.positions[sound], 26, "waypoint")
-    look = {"marker": "X", "c": SPURIOUS, "edgecolors": "white"}
-    add_dots(left, trace.positions[spurious], 42, "spurious waypoint", **look)
+    title = f"{len(trace) - 1:,} decisions: coverage {trace.coverage[-1]:.0%}, "
+    title += f"return {trace.reward.sum():.1f}"
+    if trace.is_new_waypoint.any():
+        spurious = trace.is_new_waypoint & trace.spurious_waypoint
+        sound = trace.positions[trace.is_new_waypoint & ~spurious]
+        add_dots(left, sound, 26, "waypoint")
+        look = {"marker": "X", "c": SPURIOUS, "edgecolors": "white"}
+        add_dots(left, trace.positions[spurious], 42, "spurious waypoint", **look)
+        # The first waypoint, which every episode has, cannot be spurious.
+        new, later = trace.is_new_waypoint.sum(), trace.is_new_waypoint[1:].sum()
+        wrong = trace.spurious_waypoint[1:].sum()
+        title += f";\n{new} waypoints, {wrong} of {later} new ones spurious"
     draw_agent(left, trace.positions[0], trace.headings[0], colour=START, label="start")
     draw_agent(left, trace.positions[-1], trace.headings[-1], colour=AGENT, label="end")
-    # The first waypoint, which every episode has, cannot be spurious.
-    new, later = trace.is_new_waypoint.sum(), trace.is_new_waypoint[1:].sum()
-    wrong = trace.spurious_waypoint[1:].sum()
-    add_heading(
-        left,
-        f"{len(trace) - 1:,} decisions: coverage {trace.coverage[-1]:.0%}, "
-        f"return {trace.reward.sum():.1f};\n"
-        f"{new} waypoints, {wrong} of {later} new ones spurious",
-    )
+    add_heading(left, title)
     add_legend_below(left)
     plan.draw(right)
     _draw_occupancy(right, trace.cells, plan)
