@@ -1,6 +1,5 @@
 """What learns from collected batches, and where they come from."""
 
-from toponav.training.best_policy import BestPolicy as BestPolicy
 from toponav.training.checkpoints import (
     restore_exploration as restore_exploration,
     restore_training as restore_training,
@@ -9,12 +8,16 @@ from toponav.training.checkpoints import (
     save_training as save_training,
 )
 from toponav.training.consumers import (
+    BestPolicy as BestPolicy,
     make_consumers as make_consumers,
     make_learner as make_learner,
     needed_keys as needed_keys,
     trained_policies as trained_policies,
 )
-from toponav.training.continued_training import ContinuedTraining as ContinuedTraining
+from toponav.training.continued_training import (
+    ContinuedTraining as ContinuedTraining,
+    LocomotionFinetuner as LocomotionFinetuner,
+)
 from toponav.training.episode_log import (
     EpisodeLog as EpisodeLog,
     Row as Row,
@@ -34,7 +37,6 @@ from toponav.training.explorer import (
     make_explore_env as make_explore_env,
     make_explorer as make_explorer,
 )
-from toponav.training.locomotion import LocomotionFinetuner as LocomotionFinetuner
 from toponav.training.map_growth import MapGrowth as MapGrowth
 from toponav.training.pair_trainer import (
     PairTrainer as PairTrainer,
@@ -42,8 +44,8 @@ from toponav.training.pair_trainer import (
     require_finite as require_finite,
 )
 from toponav.training.pretraining import (
+    Validation as Validation,
     decisions_due as decisions_due,
     learning_rate as learning_rate,
     make_pretrainer as make_pretrainer,
 )
-from toponav.training.validation import Validation as Validation

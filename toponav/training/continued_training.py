@@ -1,10 +1,19 @@
-"""`ContinuedTraining`: train both networks further on the explorer's views."""
+"""Training the networks further on what explorers see and do.
 
+Reference:
+    The paper, "Generalization of TC-network and L-network": networks that were trained
+    on random walks are trained once more while the agent explores.
+"""
+
+import copy
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any
 
+import torch
 from tensordict import TensorDictBase
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from tqdm import tqdm
 
 from toponav.builders import (
     FRAME_KEYS,
@@ -16,16 +25,18 @@ from toponav.builders import (
     make_autocast,
 )
 from toponav.config import ExploreConfig
+from toponav.data import EpisodeSampler, LPairs, SplitPairs
+from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
+from toponav.runs import write_history
 from toponav.training.episode_log import mean_of
-from toponav.training.pair_trainer import make_pair_trainer
+from toponav.training.pair_trainer import PairTrainer, make_l_loss, make_pair_trainer
+
+# Of the L-network's head alone, and the updates between two rows of its log.
+_WEIGHT_DECAY, _ROW_EVERY = 1e-3, 100
 
 
 class ContinuedTraining(Consumer):
     """Takes the batches of an exploration, and trains the networks from their views.
-
-    Reference:
-        The paper, "Generalization of TC-network and L-network": networks that were
-        trained on random walks are trained once more while the agent explores.
 
     Args:
         settings: ``online`` says when and how fast to learn, ``pairs`` from what.
@@ -88,3 +99,105 @@ class ContinuedTraining(Consumer):
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self.trainer.load_state_dict(state)
+
+
+class LocomotionFinetuner(Consumer):
+    """Keeps embeddings and actions of an exploration, and trains the L-network's head.
+
+    A random walk says little about how to get anywhere: of four of its decisions
+    between two views most were for nothing. An explorer that has learned walks straight
+    on. The encoder stays as it is, so that a decision takes 0.5 kB and the head is
+    trained in minutes.
+
+    Args:
+        settings: ``locomotion`` says how much to keep, and how to train.
+        networks: with one encoder: embeddings of explorers are the TC-network's.
+        check: see `PairTrainer`.
+    """
+
+    in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")
+
+    def __init__(
+        self, settings: ExploreConfig, networks: Networks, check: Check
+    ) -> None:
+        if networks.locomotion.encoder is not networks.tc.encoder:
+            raise ValueError("networks must share one encoder, got two.")
+        self.config = config = settings.locomotion
+        self.head = networks.locomotion.head
+        self.check = check
+        self.generator = torch.Generator().manual_seed(settings.seed)
+        self.buffer = TensorDictReplayBuffer(
+            storage=LazyTensorStorage(config.memory),
+            sampler=EpisodeSampler(LPairs(config.k)),
+            transform=SplitPairs(EMBEDDING),
+            batch_size=config.pairs,
+        )
+        self.buffer.set_rng(self.generator)
+        # A run that is resumed after the training starts again with this head.
+        self._start = copy.deepcopy(self.head.state_dict())
+        # The collectors of a resumed run number their episodes from 0 again.
+        self._first_episode = 0
+
+    def extend(self, batch: TensorDictBase) -> dict[str, float]:
+        """Keep the decisions of a batch ``[E, T]``, instead of the oldest ones."""
+        frames = batch.select(*self.in_keys).flatten()
+        frames[EMBEDDING] = frames[EMBEDDING].half()
+        frames[TRAJECTORY] = frames[TRAJECTORY] + self._first_episode
+        self.buffer.extend(frames)
+        return {}
+
+    def finish(self, folder: Path) -> None:
+        """Train the head; loss and accuracy go into ``locomotion.csv``."""
+        config = self.config
+        trainer = PairTrainer(
+            self.head,
+            {"l": (make_l_loss(self.head), 1.0)},
+            self._draw_pairs,
+            generator=self.generator,
+            lr=config.lr,
+            weight_decay=_WEIGHT_DECAY,
+            check=self.check,
+        )
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            trainer.optimizer, config.lr, total_steps=config.updates, pct_start=0.1
+        )
+        rows: list[dict[str, float]] = []
+        sums = torch.zeros(2)
+        bar = tqdm(range(1, config.updates + 1), desc="train L head", unit="update")
+        for update in bar:
+            measured = trainer.step()
+            schedule.step()
+            sums += torch.tensor(
+                [measured["loss_locomotion"], measured["train_l_accuracy"]]
+            )
+            if update % _ROW_EVERY == 0 or update == config.updates:
+                since = update - (int(rows[-1]["update"]) if rows else 0)
+                loss, accuracy = (sums / since).tolist()
+                rows.append({"update": update, "loss": loss, "accuracy": accuracy})
+                bar.set_postfix(loss=f"{loss:.2f}", accuracy=f"{accuracy:.1%}")
+                sums.zero_()
+        write_history(folder / "locomotion.csv", rows)
+
+    def _draw_pairs(self) -> list[TensorDictBase]:
+        pairs = self.buffer.sample()
+        for key in (ANCHOR, OTHER):
+            pairs[key] = pairs[key].float()
+        return [pairs]
+
+    def state_dict(self) -> dict[str, Any]:
+        """What was kept, the head before its training, and the state of the draws."""
+        return {
+            "head": self._start,
+            "buffer": self.buffer.state_dict(),
+            "generator": self.generator.get_state(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.buffer.load_state_dict(state["buffer"])
+        self.generator.set_state(state["generator"])
+        # Earlier runs did not keep it.
+        self._start = state.get("head", self._start)
+        self.head.load_state_dict(self._start)
+        if len(self.buffer):
+            kept = self.buffer.storage[:][TRAJECTORY]
+            self._first_episode = int(kept.max()) + 1

@@ -8,27 +8,16 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from toponav import keys
 from toponav.builders import Consumer, RewardMethod, World
-from toponav.keys import (
-    CELL,
-    COVERAGE,
-    DONE,
-    ENV_ID,
-    HEADING,
-    IS_NEW_WAYPOINT,
-    NETWORKS_VERSION,
-    POSITION,
-    SPURIOUS_WAYPOINT,
-    TRAJECTORY,
-    TRUNCATED,
-)
 
 #: One line of a table: names to numbers, or to words.
 Row = dict[str, Any]
 
 #: What pictures of an episode need, of the first observation too, where it is there.
-_POSES = (POSITION, HEADING, CELL, COVERAGE)
-_WAYPOINTS = (IS_NEW_WAYPOINT, SPURIOUS_WAYPOINT)
+_POSES = (keys.POSITION, keys.HEADING, keys.CELL, keys.COVERAGE)
+_WAYPOINTS = (keys.IS_NEW_WAYPOINT, keys.SPURIOUS_WAYPOINT)
+_ENDS = (keys.DONE, keys.TRUNCATED, "step_count")
 
 
 class EpisodeLog(Consumer):
@@ -59,10 +48,10 @@ class EpisodeLog(Consumer):
         summed = list(self.sums.values())
         pictured = [key for key in _WAYPOINTS if key in summed]
         if world.spec.has_truth:
-            self.ends = {"coverage": COVERAGE, **self.ends}
+            self.ends = {"coverage": keys.COVERAGE, **self.ends}
             pictured += _POSES
-        later = [*summed, *self.ends.values(), *pictured, DONE, TRUNCATED, "step_count"]
-        self.in_keys = [*pictured, TRAJECTORY, *(("next", key) for key in later)]
+        later = [*summed, *self.ends.values(), *pictured, *_ENDS]
+        self.in_keys = [*pictured, keys.TRAJECTORY, *(("next", key) for key in later)]
         self._totals = torch.zeros(len(self.sums), num_envs, dtype=torch.float64)
         self._pieces: list[TensorDictBase] = []
         #: ``[T]``; the last whole episode of the first environment, for pictures.
@@ -74,7 +63,7 @@ class EpisodeLog(Consumer):
         later = batch.get("next")
         summed = [later.get(key).squeeze(-1) for key in self.sums.values()]
         rewards = torch.stack(summed).double()
-        done, envs = later.get(DONE).squeeze(-1), batch.get(ENV_ID)[:, 0, 0]
+        done, envs = later.get(keys.DONE).squeeze(-1), batch.get(keys.ENV_ID)[:, 0, 0]
         self.ended = []
         start = torch.zeros(len(envs), dtype=torch.int64)
         for row, time in done.nonzero().tolist():
@@ -86,12 +75,12 @@ class EpisodeLog(Consumer):
                 self.ended.append(self._row(batch[row, time], sums))
         rest = torch.arange(done.shape[1]) >= start.unsqueeze(-1)
         self._totals[:, envs] += (rewards * rest).sum(-1)
-        self._keep_first(batch, envs)
+        self._keep_first(batch, envs, done)
         self.rows += self.ended
         return {}
 
     def _row(self, last: TensorDictBase, sums: Tensor) -> Row:
-        later, version = last.get("next"), last.get(NETWORKS_VERSION, None)
+        later, version = last.get("next"), last.get(keys.NETWORKS_VERSION, None)
         return {
             "decisions": self.decisions,
             **dict(zip(self.sums, sums.tolist(), strict=True)),
@@ -99,16 +88,16 @@ class EpisodeLog(Consumer):
             "networks_version": 0 if version is None else int(version),
         }
 
-    def _keep_first(self, batch: TensorDictBase, envs: Tensor) -> None:
+    def _keep_first(self, batch: TensorDictBase, envs: Tensor, done: Tensor) -> None:
         """Keep what the first environment did since its episode began."""
         for row in (envs == 0).nonzero().flatten().tolist():
             start = 0
-            for time in batch[row].get(("next", DONE)).flatten().nonzero().tolist():
-                self._pieces.append(batch[row, start : time[0] + 1])
+            for (time,) in done[row].nonzero().tolist():
+                self._pieces.append(batch[row, start : time + 1])
                 episode = torch.cat(self._pieces)
                 if len(episode) == self.episode_length:
                     self.last_episode = episode
-                self._pieces, start = [], time[0] + 1
+                self._pieces, start = [], time + 1
             self._pieces.append(batch[row, start:].clone())
 
 

@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import rustworkx
+import torch
 from matplotlib.figure import Figure
 from tensordict import TensorDictBase
+from torch import Tensor
 from tqdm import tqdm
 
+from toponav import keys
 from toponav.builders import (
     MAP_FILE,
     NETWORKS,
@@ -25,19 +28,14 @@ from toponav.builders import (
 )
 from toponav.config import ExploreConfig
 from toponav.graph import TopologicalMap, save_map, sparsify
-from toponav.keys import (
-    DONE,
-    EMBEDDING,
-    ENV_ID,
-    HEADING,
-    NETWORK_PIXELS,
-    POSITION,
-    REWARD,
-)
-from toponav.plotting import draw_graph, save_figure
+from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
+from toponav.metrics import covered_cells, edge_lengths, map_quality
+from toponav.plotting import FloorPlan, draw_graph, draw_topological_map, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
-from toponav.training.map_truth import MapTruth
+
+#: Edges longer than this on foot are false, in cells.
+_FAR_CELLS = 3.0
 
 
 class MapGrowth(Consumer):
@@ -67,10 +65,10 @@ class MapGrowth(Consumer):
         self.truth = MapTruth(world) if world.layout is not None else None
         self.decisions = 0
         self.rows: list[Row] = []
-        places = () if self.truth is None else (POSITION, HEADING)
+        places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
-        later = ("next", DONE), ("next", REWARD)
-        self.in_keys = [EMBEDDING, NETWORK_PIXELS, *places, *later]
+        later = ("next", keys.DONE), ("next", keys.REWARD)
+        self.in_keys = [keys.EMBEDDING, keys.NETWORK_PIXELS, *places, *later]
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Feed a batch ``[E, T]``."""
@@ -78,7 +76,7 @@ class MapGrowth(Consumer):
         if self.decisions <= self.config.after:
             return {}
         if self.config.envs is not None:
-            batch = batch[batch.get(ENV_ID)[:, 0, 0] < self.config.envs]
+            batch = batch[batch.get(keys.ENV_ID)[:, 0, 0] < self.config.envs]
             if not len(batch):
                 return {}
         if self.truth is not None:
@@ -160,3 +158,63 @@ def count_components(topological_map: TopologicalMap) -> Row:
         "components": len(parts),
         "largest_component": max(parts) / num if num else math.nan,
     }
+
+
+class MapTruth:
+    """Judges a map of a maze by the ground truth; no agent and no map reads it."""
+
+    def __init__(self, world: World) -> None:
+        assert world.layout is not None
+        mask = torch.as_tensor(world.layout.open_mask)
+        self.poses = WaypointPoses()
+        #: Decisions of the run until the map covered every cell, NaN until then.
+        self.decisions_to_cover = math.nan
+        cell_size = require_motion(world.spec).cell_size
+        self._metric = GroundTruthDistances(mask, cell_size=cell_size)
+        self._plan = FloorPlan(mask, cell_size=cell_size)
+
+    def place(self, origins: Tensor, decisions: int) -> None:
+        """Find the poses of new waypoints; see `WaypointPoses`."""
+        self.poses.extend(origins)
+        if not math.isnan(self.decisions_to_cover):
+            return
+        if bool(covered_cells(self._metric, self.poses.values).all()):
+            self.decisions_to_cover = float(decisions)
+
+    def measure(self, topological_map: TopologicalMap, pretrained: float) -> Row:
+        """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
+        quality = map_quality(
+            self._metric,
+            self.poses.values,
+            topological_map.edges,
+            topological_map.edge_cost.amin(1),
+            far_cells=_FAR_CELLS,
+        )
+        return {
+            **vars(quality),
+            "decisions_to_cover": self.decisions_to_cover,
+            "interaction_to_encode": self.decisions_to_cover + pretrained,
+        }
+
+    def draw(self, topological_map: TopologicalMap, title: str) -> Figure:
+        """The map over the plan."""
+        poses, edges = self.poses.values, topological_map.edges
+        far = _FAR_CELLS * self._metric.cell_size
+        return draw_topological_map(
+            poses,
+            edges,
+            topological_map.edge_cost.amin(1),
+            edge_lengths(self._metric, poses, edges) > far,
+            plan=self._plan,
+            title=title,
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        return {
+            "poses": self.poses.values,
+            "decisions_to_cover": self.decisions_to_cover,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.poses = WaypointPoses(state["poses"])
+        self.decisions_to_cover = state["decisions_to_cover"]
