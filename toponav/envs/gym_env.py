@@ -50,7 +50,10 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
             raise ValueError(
                 f"render_mode must be 'rgb_array' or None, got {render_mode!r}"
             )
-        self.layout = _as_layout(maze)
+        if isinstance(maze, str):
+            load = load_layout_file if maze.endswith(".txt") else load_maze
+            maze = load(maze)
+        self.layout = maze
         self._env = MazeEnv(self.layout, batch_size=1, **options)
         self._games = self._env.games
         self.world = self._env.world
@@ -98,9 +101,3 @@ def register_mazes() -> None:
             entry_point="toponav.envs.gym_env:MazeGymEnv",
             kwargs={"maze": name},
         )
-
-
-def _as_layout(maze: str | Layout) -> Layout:
-    if isinstance(maze, Layout):
-        return maze
-    return load_layout_file(maze) if maze.endswith(".txt") else load_maze(maze)

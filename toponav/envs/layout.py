@@ -9,6 +9,7 @@ a cell's side is there is up to the engine, so whoever asks for them says it.
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from string import ascii_lowercase
 
@@ -63,7 +64,8 @@ class Layout:
     name: str = "maze"
 
     def __post_init__(self) -> None:
-        _check_rows(self.rows, self.name)
+        for rule, line, column in _broken_rules(self.rows):
+            raise LayoutError(rule, self.name, line, column)
 
     @cached_property
     def rows(self) -> tuple[str, ...]:
@@ -154,16 +156,19 @@ def load_layout_file(path: str | Path) -> Layout:
     raise LayoutError(reason, str(path))
 
 
-def _check_rows(rows: tuple[str, ...], name: str) -> None:
-    """Raise a ``LayoutError`` if rows of text are no closed, connected maze."""
-    # Each check relies on those before it.
-    for check in (_check_shape, _check_letters, _check_border, _check_connected):
-        for rule, line, column in check(rows):
-            raise LayoutError(rule, name, line, column)
-
-
-# Broken rules, each with its line and column.
+# Letters by line and column, from 1; broken rules, each with its line and column.
+_Letters = Mapping[tuple[int, int], str]
 _Broken = Iterator[tuple[str, int | None, int | None]]
+
+
+def _broken_rules(rows: tuple[str, ...]) -> _Broken:
+    # Each check relies on those before it.
+    yield from _check_shape(rows)
+    places = product(range(1, len(rows) + 1), range(1, len(rows[0]) + 1))
+    letters = dict(zip(places, "".join(rows), strict=True))
+    yield from _check_letters(letters)
+    yield from _check_border(letters)
+    yield from _check_connected(letters)
 
 
 def _check_shape(rows: tuple[str, ...]) -> _Broken:
@@ -180,16 +185,9 @@ def _check_shape(rows: tuple[str, ...]) -> _Broken:
             yield rule, 1, None
 
 
-def _letters(rows: tuple[str, ...]) -> Iterator[tuple[int, int, str]]:
-    """Line, column (from 1) and letter of every cell."""
-    for line, row in enumerate(rows, 1):
-        for column, letter in enumerate(row, 1):
-            yield line, column, letter
-
-
-def _check_letters(rows: tuple[str, ...]) -> _Broken:
+def _check_letters(letters: _Letters) -> _Broken:
     seen: dict[str, str] = {}
-    for line, column, letter in _letters(rows):
+    for (line, column), letter in letters.items():
         if letter in (WALL, FLOOR):
             continue
         if letter not in ascii_lowercase:
@@ -201,29 +199,27 @@ def _check_letters(rows: tuple[str, ...]) -> _Broken:
         seen[letter] = f"line {line}, column {column}"
 
 
-def _check_border(rows: tuple[str, ...]) -> _Broken:
-    height, width = len(rows), len(rows[0])
-    for line, column, letter in _letters(rows):
+def _check_border(letters: _Letters) -> _Broken:
+    height, width = max(letters)
+    for (line, column), letter in letters.items():
         if letter != WALL and (line in (1, height) or column in (1, width)):
             yield f"the border must be wall all around, got {letter!r}", line, column
 
 
-def _check_connected(rows: tuple[str, ...]) -> _Broken:
-    letters = {(r, c): letter for r, c, letter in _letters(rows) if letter != WALL}
+def _check_connected(letters: _Letters) -> _Broken:
+    cells = [cell for cell, letter in letters.items() if letter != WALL]
     if FLOOR not in letters.values():
         yield "there must be at least one floor cell, got none", None, None
-    # Lines and columns count from 1.
-    grid = nx.grid_2d_graph(len(rows) + 1, len(rows[0]) + 1)
-    graph = grid.subgraph(letters).copy()
-    first = next(iter(letters))
+    height, width = max(letters)
+    graph = nx.grid_2d_graph(height + 1, width + 1).subgraph(cells).copy()
+    first = cells[0]
     reached = nx.node_connected_component(graph, first)
-    for cell in letters:
+    for cell in cells:
         if cell not in reached:
             rule = "every open cell must be reachable, got one that is cut off from "
             yield rule + f"line {first[0]}, column {first[1]}", *cell
     # Only a slot at a cut point of the graph divides the maze when it closes.
-    cuts = set(nx.articulation_points(graph))
-    for cell, letter in letters.items():
-        if letter != FLOOR and cell in cuts:
+    for cell in sorted(nx.articulation_points(graph)):
+        if letters[cell] != FLOOR:
             rule = "a closed slot must leave the maze in one piece, slot "
-            yield rule + f"'{letter}' cuts it in two", *cell
+            yield rule + f"'{letters[cell]}' cuts it in two", *cell

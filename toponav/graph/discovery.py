@@ -167,10 +167,8 @@ class Discovery:
         self, track: Track, near: list[int], votes: NDArray[np.float64]
     ) -> None:
         """Map frames one by one, until one is like none of the waypoints nearby."""
-        threshold, column = (
-            self.rules.tc_threshold,
-            {n: at for at, n in enumerate(near)},
-        )
+        threshold = self.rules.tc_threshold
+        column = {node: at for at, node in enumerate(near)}
         for row in votes:
             best = column.get(track.place) if self.rules.hysteresis else None
             if near and (best is None or not row[best] > threshold):

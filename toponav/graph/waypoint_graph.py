@@ -2,23 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
+import networkx as nx
 import torch
 from torch import Tensor
 
 #: What is known of each edge, a row each.
 _ARRAYS = ("edges", "traversals", "edge_similarity")
-
-
-@dataclass
-class Evidence:
-    """How often an edge was traversed, and how similar its ends are."""
-
-    #: From the lower waypoint to the other, and back.
-    traversals: list[int] = field(default_factory=lambda: [0, 0])
-    similarity: float = math.nan  # when last compared, if ever
 
 
 class WaypointGraph:
@@ -40,8 +31,7 @@ class WaypointGraph:
         self.untraversed_edge_cost = untraversed_edge_cost
         #: Counts the changes of waypoints and edges.
         self.version = 0
-        # The neighbours of each waypoint; both ends of an edge share its evidence.
-        self._beside: list[dict[int, Evidence]] = []
+        self._graph: nx.Graph[int] = nx.Graph()
         self._arrays: tuple[Tensor, Tensor, Tensor] | None = None
         self._nearby: dict[tuple[int, int], list[int]] = {}
 
@@ -69,8 +59,8 @@ class WaypointGraph:
     def _edge_arrays(self) -> tuple[Tensor, Tensor, Tensor]:
         if self._arrays is None:
             rows = sorted(
-                (one, other, *found.traversals, found.similarity)
-                for one, other, found in self._all_evidence()
+                (one, other, *found["traversals"], found["similarity"])
+                for one, other, found in self._graph.edges.data()
             )
             table = torch.tensor(rows, dtype=torch.float64).reshape(-1, 5)
             ends, traversals = table[:, :4].long().chunk(2, 1)
@@ -83,40 +73,33 @@ class WaypointGraph:
         self._arrays = None
         self._nearby.clear()
 
-    def _all_evidence(self) -> list[tuple[int, int, Evidence]]:
-        """Of all edges, the lower waypoint first."""
-        return [
-            (one, other, found)
-            for one, beside in enumerate(self._beside)
-            for other, found in beside.items()
-            if one < other
-        ]
-
-    def _evidence(self, one: int, other: int) -> Evidence:
-        """Of an edge, which may be new."""
-        evidence = self._beside[one].setdefault(other, Evidence())
-        self._beside[other][one] = evidence
+    def _evidence(self, one: int, other: int) -> dict[str, Any]:
+        """Of an edge, which may be new; its lower end's traversals come first."""
+        if not self._graph.has_edge(one, other):
+            self._graph.add_edge(one, other, traversals=[0, 0], similarity=math.nan)
+        evidence: dict[str, Any] = self._graph[one][other]
         return evidence
 
     def add_waypoint(self) -> int:
         """Add a waypoint without edges; its number."""
         self._change()
-        self._beside.append({})
-        return len(self._beside) - 1
+        number = len(self._graph)
+        self._graph.add_node(number)
+        return number
 
     def traverse(self, one: int, other: int) -> None:
         """Count a traversal from one waypoint to another; the edge may be new."""
         if one == other:
             return
-        evidence, way = self._evidence(one, other), int(one > other)
-        evidence.traversals[way] += 1
-        if evidence.traversals[way] == 1:
+        traversals, way = self._evidence(one, other)["traversals"], int(one > other)
+        traversals[way] += 1
+        if traversals[way] == 1:
             self._change()
         else:  # neither its cost nor its ends changed
             self._arrays = None
 
     def has_edge(self, one: int, other: int) -> bool:
-        return other in self._beside[one]
+        return other in self._graph[one]
 
     def link(
         self, one: int, others: Sequence[int], similarities: Sequence[float]
@@ -124,7 +107,7 @@ class WaypointGraph:
         """Join a waypoint with others that it reaches, and store their similarities."""
         for other, similarity in zip(others, similarities, strict=True):
             if other != one:
-                self._evidence(one, other).similarity = similarity
+                self._evidence(one, other)["similarity"] = similarity
         if len(others):
             self._change()
 
@@ -137,9 +120,9 @@ class WaypointGraph:
         ends = self.edges.tolist()
         for (one, other), value in zip(ends, similarity.tolist(), strict=True):
             evidence = self._evidence(one, other)
-            evidence.similarity = value
-            if not any(evidence.traversals) and not value > least:
-                del self._beside[one][other], self._beside[other][one]
+            evidence["similarity"] = value
+            if not any(evidence["traversals"]) and not value > least:
+                self._graph.remove_edge(one, other)
                 num_dropped += 1
         self._change()
         return num_dropped
@@ -149,22 +132,22 @@ class WaypointGraph:
 
         ``into``, int64 ``[W]``, has the new number of each, 0 to W' - 1.
         """
-        number, before = into.tolist(), self._all_evidence()
+        number, before = into.tolist(), self._graph.edges.data()
         self._clear(max(number, default=-1) + 1)
         for one, other, found in before:
             one, other = number[one], number[other]
             if one == other:
                 continue
             evidence, way = self._evidence(one, other), int(one > other)
-            evidence.traversals[way] += found.traversals[0]
-            evidence.traversals[1 - way] += found.traversals[1]
+            evidence["traversals"][way] += found["traversals"][0]
+            evidence["traversals"][1 - way] += found["traversals"][1]
             # NaN is no similarity: any number beats it, and it beats none.
-            both = (evidence.similarity, found.similarity)
-            evidence.similarity = max(filter(math.isfinite, both), default=math.nan)
+            known = filter(math.isfinite, (evidence["similarity"], found["similarity"]))
+            evidence["similarity"] = max(known, default=math.nan)
 
     def _clear(self, num_waypoints: int) -> None:
         """Begin again with so many waypoints and no edges."""
-        self._beside = [{} for _ in range(num_waypoints)]
+        self._graph = nx.empty_graph(num_waypoints)
         self._change()
 
     def state_dict(self) -> dict[str, Any]:
@@ -178,13 +161,12 @@ class WaypointGraph:
         self._clear(num_waypoints)
         rows = zip(*(state[name].tolist() for name in _ARRAYS), strict=True)
         for (one, other), counts, similarity in rows:
-            evidence = self._evidence(one, other)
-            evidence.traversals = counts if one < other else counts[::-1]
-            evidence.similarity = similarity
+            counts = counts if one < other else counts[::-1]
+            self._graph.add_edge(one, other, traversals=counts, similarity=similarity)
         self.version = state["version"]
 
     def neighbours(self, waypoint: int) -> list[int]:
-        return sorted(self._beside[waypoint])
+        return sorted(self._graph[waypoint])
 
     def nearby(self, waypoint: int, most: int) -> list[int]:
         """Up to ``most`` nearest waypoints by edges, traversed ones first, in order."""
@@ -193,9 +175,9 @@ class WaypointGraph:
             seen = {waypoint}
             while front and len(found) < most:
                 beside = {
-                    other: not any(evidence.traversals)
+                    other: not any(evidence["traversals"])
                     for one in front
-                    for other, evidence in self._beside[one].items()
+                    for other, evidence in self._graph[one].items()
                     if other not in seen
                 }
                 front = sorted(beside, key=lambda other: (beside[other], other))

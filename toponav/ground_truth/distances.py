@@ -104,9 +104,7 @@ class GroundTruthDistances:
         self, start: Tensor, end: Tensor, closed: ArrayLike | None = None
     ) -> Tensor:
         """Whether the line stays on the floor: it changes its cell only at the grid."""
-        mask = self.open_mask.clone()
-        row, column = self.routes.cells[self._shut(closed)].unbind(1)
-        mask[row, column] = False
+        mask = self.open_mask & ~torch.isin(self.routes.numbers, self._shut(closed))
         floor = mask.flip(0).T  # [x, y] in cells
         clear = torch.ones(start.shape[:-1], dtype=torch.bool)
         for axis, plane in enumerate((floor, floor.T)):

@@ -13,11 +13,12 @@ from toponav.envs.engines.doom.level.udmf import slot_tag
 from toponav.envs.engines.doom.level.wad_cache import wad_file
 from toponav.envs.engines.doom.spec import (
     ACTIONS,
+    APPLE_REWARD,
     CELL_SIZE,
+    GOAL_REWARD,
     PLAYER_RADIUS,
     STEP_LENGTH,
     TICS_PER_DECISION,
-    WORLD,
 )
 from toponav.envs.errors import EngineError
 from toponav.envs.game import Look
@@ -26,6 +27,9 @@ from toponav.envs.scene import Pose, Scene
 
 _BUTTONS = tuple(list(buttons) for buttons in ACTIONS.values())
 _NO_BUTTONS = [0.0, 0.0, 0.0]
+# A slot closes at this distance: scripts run after the tic's move, so the agent comes
+# one tic nearer.
+_CLEAR = CELL_SIZE / 2 + PLAYER_RADIUS + STEP_LENGTH / TICS_PER_DECISION + 1
 
 
 def prepare(layout: Layout, look: Look) -> None:
@@ -92,16 +96,18 @@ class MazeGame:
 
     def step(self, action: int) -> None:
         """Take one decision: hold an action's buttons for its tics."""
-        if self._to_close:
-            self._close_clear_slots()
+        for letter in sorted(self._to_close):
+            x, y = self.layout.centre(self.layout.slots[letter], CELL_SIZE)
+            if max(abs(self.pose.x - x), abs(self.pose.y - y)) >= _CLEAR:
+                self._to_close.remove(letter)
+                self.closed.add(letter)
+                self._move_slot(acs.CLOSE_SLOT, letter)
         self.engine.act(_BUTTONS[action])
         apples, goals = self._observe()
-        assert WORLD.apple_reward is not None
-        assert WORLD.goal_reward is not None
-        self.reward = WORLD.apple_reward * (apples - self._apples)
+        self.reward = APPLE_REWARD * (apples - self._apples)
         self.respawned = goals != self._goals
         if self.respawned:
-            self.reward += WORLD.goal_reward * (goals - self._goals)
+            self.reward += GOAL_REWARD * (goals - self._goals)
             self._send_respawn()
         self._apples, self._goals = apples, goals
 
@@ -135,16 +141,6 @@ class MazeGame:
 
     def _send_respawn(self) -> None:
         self.engine.run_script(acs.SET_RESPAWN, *_script_pose(self.scene.next_start()))
-
-    def _close_clear_slots(self) -> None:
-        # Scripts run after the tic's move, so the agent comes one tic nearer.
-        reach = CELL_SIZE / 2 + PLAYER_RADIUS + STEP_LENGTH / TICS_PER_DECISION + 1
-        for letter in sorted(self._to_close):
-            x, y = self.layout.centre(self.layout.slots[letter], CELL_SIZE)
-            if max(abs(self.pose.x - x), abs(self.pose.y - y)) >= reach:
-                self._to_close.remove(letter)
-                self.closed.add(letter)
-                self._move_slot(acs.CLOSE_SLOT, letter)
 
     def _move_slot(self, script: int, letter: str) -> None:
         self.engine.run_script(script, slot_tag(self.layout, letter))

@@ -14,6 +14,7 @@ TURN_ANGLE = 20.0
 #: The agent is a square of twice this side, in map units; its eye is so high.
 PLAYER_RADIUS = 16
 EYE_HEIGHT = 48
+GOAL_REWARD, APPLE_REWARD = 10.0, 1.0
 
 _TURN_PER_TIC = TURN_ANGLE / TICS_PER_DECISION
 #: The six actions in the paper's order, and what they hold for all tics of a decision:
@@ -32,8 +33,8 @@ WORLD = WorldSpec(
     actions=tuple(ACTIONS),
     tics_per_decision=TICS_PER_DECISION,
     motion=Motion(cell_size=CELL_SIZE, step=STEP_LENGTH, turn=TURN_ANGLE),
-    goal_reward=10.0,
-    apple_reward=1.0,
+    goal_reward=GOAL_REWARD,
+    apple_reward=APPLE_REWARD,
 )
 #: 90 degrees across; down, 60 pixels at a focal length of 96, since the engine's pixels
 #: are 1.2 times as high as wide.

@@ -63,7 +63,29 @@ def compile_maze(
     for _, content in art:
         digest.update(content)
     map_name = "MZ" + digest.hexdigest()[:6].upper()
-    return CompiledMaze(build_wad(_lumps(map_name, geometry, art)), map_name)
+    # The offset puts a sprite's foot, its bottom centre, on the floor.
+    apple, goal = (
+        encode_png(image, (image.shape[1] // 2, image.shape[0]))
+        for image in (sprites.apple(), sprites.goal())
+    )
+    lumps = [
+        ("PLAYPAL", playpal()),
+        ("COLORMAP", colormap()),
+        ("DECORATE", decorate().encode()),
+        ("ZMAPINFO", zmapinfo(map_name).encode()),
+        ("TX_START", b""),
+        *art,
+        ("TX_END", b""),
+        ("S_START", b""),
+        (f"{APPLE_SPRITE}A0", apple),
+        (f"{GOAL_SPRITE}A0", goal),
+        ("S_END", b""),
+        (map_name, b""),
+        ("TEXTMAP", geometry.encode()),
+        ("BEHAVIOR", acs.behavior()),
+        ("ENDMAP", b""),
+    ]
+    return CompiledMaze(build_wad(lumps), map_name)
 
 
 def assign_regions(
@@ -126,30 +148,3 @@ def _decorate_surfaces(
     shown = {*walls.values(), *floors, SKY_TEXTURE, _DOOR}
     images = {name: image for name, image in images.items() if name in shown}
     return images, Surfaces(walls=walls, floors=floors, regions=regions, door=_DOOR)
-
-
-def _lumps(
-    map_name: str, geometry: str, art: list[tuple[str, bytes]]
-) -> list[tuple[str, bytes]]:
-    # The offset puts a sprite's foot, its bottom centre, on the floor.
-    apple, goal = (
-        encode_png(image, (image.shape[1] // 2, image.shape[0]))
-        for image in (sprites.apple(), sprites.goal())
-    )
-    return [
-        ("PLAYPAL", playpal()),
-        ("COLORMAP", colormap()),
-        ("DECORATE", decorate().encode()),
-        ("ZMAPINFO", zmapinfo(map_name).encode()),
-        ("TX_START", b""),
-        *art,
-        ("TX_END", b""),
-        ("S_START", b""),
-        (f"{APPLE_SPRITE}A0", apple),
-        (f"{GOAL_SPRITE}A0", goal),
-        ("S_END", b""),
-        (map_name, b""),
-        ("TEXTMAP", geometry.encode()),
-        ("BEHAVIOR", acs.behavior()),
-        ("ENDMAP", b""),
-    ]
