@@ -104,6 +104,27 @@ def test_one_that_was_cut_off_goes_on(config: ExploreConfig, tmp_path: Path) -> 
     assert second.startswith(f"resume='{tmp_path}/pretrain/maze3-smoke-")
 
 
+@pytest.mark.slow
+def test_engines_of_one_that_was_killed_do_not_keep_the_next_waiting(
+    config: ExploreConfig, tmp_path: Path
+) -> None:
+    killed = """
+import os, signal
+sys.path.insert(0, {root!r})
+from tests.envs.layouts import LANE
+from toponav.envs import DoomMazeEnv
+env = DoomMazeEnv(LANE, batch_size=1)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    killed = killed.format(root=str(Path(__file__).parents[2]))
+    with pytest.raises(TrainingError, match="must end well, got exit status -9"):
+        prepare_networks(
+            config, world_of(config), tmp_path / "run", write_script(tmp_path, killed)
+        )
+    # Without ending them it would wait until the test runs out of time.
+    prepare_networks(config, world_of(config), tmp_path / "run", write_script(tmp_path))
+
+
 def test_one_that_leaves_nothing_is_told(config: ExploreConfig, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="must end with networks, got none"):
         prepare_networks(

@@ -6,10 +6,12 @@ import json
 import math
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import IO
 
@@ -25,7 +27,7 @@ from toponav.builders.networks import (
 )
 from toponav.builders.protocols import World
 from toponav.config import ExploreConfig, MazeConfig, TrainingError
-from toponav.envs import DEFAULT_ENGINE
+from toponav.envs import DEFAULT_ENGINE, end_stray_engines
 from toponav.runs import CHECKPOINT_FILE
 
 _WAIT_S = 20
@@ -175,11 +177,16 @@ def _in_hydra(value: object) -> str:
 def _alone_in(folder: Path) -> Iterator[IO[str]]:
     """Hold the folder's lock; it falls with the last process that has it open."""
     with (folder / ".lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            tqdm.write(f"waiting for another run that pre-trains in {folder}")
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        for attempt in count():
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if attempt == 1:
+                    tqdm.write(f"waiting for another run that pre-trains in {folder}")
+                # Engines have it open too, and outlive a pre-training that is killed.
+                end_stray_engines()
+                time.sleep(min(attempt, 1))
         yield lock
 
 
