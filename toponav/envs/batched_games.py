@@ -147,12 +147,13 @@ class BatchedGames:
 
     def truth(self) -> dict[str, NDArray[np.generic]]:
         """The entries under ``privileged`` in `toponav.keys`, ``[E, ...]``."""
-        x, y, _ = self._poses.T
+        size = self.engine.motion.cell_size
+        cells = [self._layout.cell_of(x, y, size) for x, y, _ in self._poses]
         goals = [scene.goal_cell or (-1, -1) for scene in self.scenes]
         return {
             "position": self._poses[:, :2].copy(),
             "heading": self._poses[:, 2:].copy(),
-            "cell": self._layout.cells_of(x, y, self.engine.motion.cell_size),
+            "cell": np.array(cells, dtype=np.int64),
             "goal_cell": np.array(goals, dtype=np.int64),
             "blocked": self.closed(),
             "respawned": np.array([[game.respawned] for game in self._games]),

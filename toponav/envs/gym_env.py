@@ -17,11 +17,8 @@ Observation = NDArray[np.uint8]
 class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
     """One maze on one engine, with the episodes of row 0 of ``MazeEnv``.
 
-    Actions, view, starts, rewards and the end of episodes are those of ``MazeEnv``;
     ``env.unwrapped.world`` has the numbers. `info` holds the ground truth, for
-    evaluation only: `position` (x east, y north, map units), `heading` (degrees
-    counter-clockwise from east), `cell` and `goal_cell` (row and column of the layout
-    text, -1 without a goal), `blocked` (which slots are closed), `respawned`.
+    evaluation only: what `toponav.keys` describes under ``privileged``.
 
     ## Arguments
     `maze`: the name of a maze, a `Layout`, or the path of a layout file; the ids set

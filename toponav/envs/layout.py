@@ -133,13 +133,6 @@ class Layout:
         """The cell (row, column) in which a map position lies."""
         return self.shape[0] - 1 - int(y // cell_size), int(x // cell_size)
 
-    def cells_of(
-        self, x: NDArray[np.float64], y: NDArray[np.float64], cell_size: float
-    ) -> NDArray[np.int64]:
-        """The cells of many positions, ``[E]`` each: row and column, ``[E, 2]``."""
-        rows = self.shape[0] - 1 - np.floor_divide(y, cell_size)
-        return np.stack([rows, np.floor_divide(x, cell_size)], -1).astype(np.int64)
-
 
 def load_layout_file(path: str | Path) -> Layout:
     """Read a layout from a text file; its stem becomes the name.

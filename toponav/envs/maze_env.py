@@ -93,12 +93,10 @@ class MazeEnv(EnvBase):
         super().__init__(device=device, batch_size=shape)
         game_engine = load_engine(engine)
         self.layout = layout
-        cell_size, camera = game_engine.motion.cell_size, game_engine.camera
-        self._caster = (
-            None
-            if depth is None
-            else DepthCaster(layout, depth, camera=camera, cell_size=cell_size)
-        )
+        self._caster: DepthCaster | None = None
+        if depth is not None:
+            camera, size = game_engine.camera, game_engine.motion.cell_size
+            self._caster = DepthCaster(layout, depth, camera=camera, cell_size=size)
         rules = SceneRules(
             apples=apples,
             goal=goal,

@@ -16,9 +16,8 @@ from torch import Tensor
 #: k = 4, the mean over 30 random sequences.
 MAP_SHARE = 0.125
 #: The same of the reward's memory: about one waypoint for a cell visited. At the map's
-#: share most views beside a waypoint count as new, and each is rewarded, so that jitter
-#: earns more than exploring. In our trials reward followed coverage from 1.1 to 2.2 %,
-#: at other thresholds with each network: the share carries over, the number does not.
+#: share jitter earns more than exploring; in our trials reward followed coverage from
+#: 1.1 to 2.2 %, at other thresholds with each network.
 REWARD_SHARE = 0.015
 
 #: Observations compared in one call; few, so that what lies between the layers stays in
@@ -45,9 +44,8 @@ class WalkWaypoints:
     """A sequence of observations ``[T, D]``, and which of them become waypoints.
 
     The paper's first stage of discovery: an observation becomes a waypoint if its
-    similarity to *all* waypoints before it is at most the threshold. By the paper's
-    rules `TopologicalMap` does the same to its first episode; here every observation is
-    compared with all before it, once, and then any threshold takes milliseconds.
+    similarity to *all* waypoints before it is at most the threshold. Every observation
+    is compared with all before it, once, and then any threshold takes milliseconds.
 
     Reference:
         The paper, "Topological map", eq. 9 and the text before it.
@@ -124,10 +122,9 @@ def calibrate_share(
 ) -> Calibration:
     """Choose tc_th, at which random walks keep a share of waypoints, in (0, 1).
 
-    Bisection over logits, to within 2 % of the target: near 1, where the answer lies,
-    the share is steep in the probability. The share depends on the length, as longer
-    walks come back more often: take complete episodes. A network that cannot give the
-    share gets the closest threshold tried: compare ``achieved`` with ``target``.
+    Bisection over logits, to within 2 % of the target, or the closest threshold tried:
+    near 1, where the answer lies, the share is steep in the probability. Longer walks
+    come back more often: take complete episodes.
     """
     if not walks:
         raise ValueError("walks must hold at least one, got none.")

@@ -138,11 +138,13 @@ class Discovery:
     ) -> list[NDArray[np.float64]]:
         """Mean similarity of each track's next block to its nodes, ``[S, M]`` each."""
         window, most = self.rules.window, max(map(len, nodes))
-        starts = [max(track.cursor - window, 0) for track in tracks]
-        frames = [
-            track.frames[start : min(track.cursor + _BLOCK, track.stop) + window]
-            for track, start in zip(tracks, starts, strict=True)
-        ]
+        frames, places = [], []
+        for track in tracks:
+            before = min(window, track.cursor)
+            num = min(_BLOCK, track.stop - track.cursor)
+            start = track.cursor - before
+            frames.append(track.frames[start : track.cursor + num + window])
+            places.append((before, num))
         lengths = [len(some) for some in frames]
         if not most:
             scores = torch.zeros(sum(lengths), 0)
@@ -154,14 +156,11 @@ class Discovery:
             memory = self.waypoints.prepared[rows]
             memory = memory.repeat_interleave(torch.tensor(lengths), 0)
             scores = self.waypoints.compare(torch.cat(frames), memory)
-        found = []
-        for track, start, block, near in zip(
-            tracks, starts, scores.split(lengths), nodes, strict=True
-        ):
-            num = min(_BLOCK, track.stop - track.cursor)
-            similarity = np.asarray(block[:, : len(near)])
-            found.append(moving_mean(similarity, track.cursor - start, num, window))
-        return found
+        blocks = zip(scores.split(lengths), nodes, places, strict=True)
+        return [
+            moving_mean(np.asarray(block[:, : len(near)]), *place, window)
+            for block, near, place in blocks
+        ]
 
     def _decide(
         self, track: Track, near: list[int], votes: NDArray[np.float64]
@@ -214,10 +213,8 @@ class Discovery:
         return float(similarity.amax(1).mean()) > self.rules.surroundings_above
 
     def _move(self, track: Track, place: int) -> None:
-        before = track.place
-        if before >= 0 and (
-            self.rules.edges != "reach" or self.graph.has_edge(before, place)
-        ):
+        before, edges = track.place, self.rules.edges
+        if before >= 0 and (edges != "reach" or self.graph.has_edge(before, place)):
             self.graph.traverse(before, place)
         track.place = place
         track.places.append(place)
@@ -238,9 +235,8 @@ class Discovery:
         self.graph.add_waypoint()
         if self.rules.edges != "time":
             reached = similarity > self.rules.tc_reach
-            self.graph.link(
-                place, candidates[reached].tolist(), similarity[reached].tolist()
-            )
+            others, values = candidates[reached].tolist(), similarity[reached].tolist()
+            self.graph.link(place, others, values)
         self._move(track, place)
 
 

@@ -1,7 +1,10 @@
 """`MapRules` and `NavigatorRules`: the choices of a map and of a navigator."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
+
+Edges = Literal["both", "reach", "time"]
+ExtendBy = Literal["itself", "previous"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +23,10 @@ class MapRules:
     #: A waypoint is reached if its similarity is above it, in [0, ``tc_threshold``].
     tc_reach: float
     #: Which clauses of eq. 10 make edges: similarity, succession in time, or both.
-    edges: Literal["both", "reach", "time"] = "both"
+    edges: Edges = "both"
     #: Which view of an episode after the first says what a new waypoint reaches:
     #: ``"itself"`` (eq. 10) or the ``"previous"`` one (eq. 12).
-    extend_by: Literal["itself", "previous"] = "itself"
+    extend_by: ExtendBy = "itself"
     window: int = 1  # observations on either side that vote
     search_window: int = 2  # the same in a search among all waypoints
     #: Of the observations up to so many before and after one found in such a search,
@@ -48,11 +51,8 @@ class MapRules:
                 f"tc_reach must be in [0, tc_threshold={self.tc_threshold:g}], got "
                 f"{self.tc_reach}"
             )
-        for name, choices in (
-            ("edges", ("both", "reach", "time")),
-            ("extend_by", ("itself", "previous")),
-        ):
-            if (value := getattr(self, name)) not in choices:
+        for name, kind in (("edges", Edges), ("extend_by", ExtendBy)):
+            if (value := getattr(self, name)) not in (choices := get_args(kind)):
                 raise ValueError(f"{name} must be one of {choices}, got {value!r}")
         _check_range(self, 0, "window", "search_window", "surroundings")
         _check_range(self, 1, "nearby", "shortlist", "untraversed_edge_cost")

@@ -35,9 +35,8 @@ class TopologicalMap:
     with the one before it in time (eqs. 10 and 12); a step from one known waypoint to
     another links them too. Each edge counts its traversals.
 
-    Nothing here reads a privileged key. The networks are callables and stay their
-    owner's; they must be in ``eval()`` mode, and what they return is kept on the CPU.
-    It is a `Map` to navigate by; ``waypoints`` and ``graph`` hold what else is known.
+    It is a `Map` to navigate by and reads no privileged key. The networks must be in
+    ``eval()`` mode; what they return is kept on the CPU.
 
     Reference:
         The paper, "Space topological cognition", eqs. 9 to 12.
@@ -125,9 +124,9 @@ class TopologicalMap:
     def extend(self, data: TensorDictBase) -> int:
         """Continue episodes by a batch ``[E, T]``; count the new waypoints.
 
-        Of an unfinished episode only the last observations are kept until the next
-        batch; those whose votes are not complete are mapped with it. Embeddings of
-        another version than ``network_version`` are made again from the views.
+        The last observations of an unfinished episode, whose votes are not complete,
+        are mapped with the next batch. Embeddings of another version than
+        ``network_version`` are made again from the views.
         """
         if data.batch_dims != 2 or not data.shape[1]:
             raise ValueError(f"batches must be [E, T >= 1], got {list(data.shape)}")

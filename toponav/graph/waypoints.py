@@ -48,9 +48,9 @@ class Waypoints:
         """Add a waypoint of embedding ``[D]`` and, for all or for none, a view."""
         number = len(self)
         if number and (image is None) != (not self._images):
+            got = "without" if image is None else "with"
             raise ValueError(
-                "views must be given for all waypoints or for none, got one "
-                + ("without" if image is None else "with")
+                f"views must be given for all waypoints or for none, got one {got}"
             )
         row = embedding.unsqueeze(0).float()
         self.embeddings = torch.cat([self.embeddings, row])

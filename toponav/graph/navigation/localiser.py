@@ -7,6 +7,7 @@ import torch
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare
@@ -75,11 +76,8 @@ class Localiser:
                 found[walking] = self._best(embedding[walking], ahead[walking])
         known = ((self.place >= 0) & (found < 0)).nonzero().flatten()
         if len(known):
-            around = torch.nn.utils.rnn.pad_sequence(
-                [self._around(node) for node in self.place[known].tolist()],
-                batch_first=True,
-                padding_value=-1,
-            )
+            near = [self._around(node) for node in self.place[known].tolist()]
+            around = pad_sequence(near, batch_first=True, padding_value=-1)
             views = embedding[known]
             found[known] = self._best(views, self._shorten(views, around))
         unknown = (found < 0).nonzero().flatten()

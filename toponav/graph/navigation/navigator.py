@@ -57,15 +57,13 @@ class Navigator(TensorDictModuleBase):
        cut opens again.
 
     Closed edges and dropped goal waypoints stay until the episode ends. It writes the
-    action, int64 ``[*B]``, and what it decided, each ``[*B, 1]``: place, target, goal
-    waypoint, cost of the path, number of cuts, both ends of a cut made now, and whether
-    the agent is lost.
+    action, int64 ``[*B]``, and what it decided, as `toponav.keys` describes it; it
+    reads no privileged key.
 
     It is a policy for any TorchRL collector or rollout, with any batch shape. It keeps
     its state itself, one row an env, and resets it where ``is_init`` is true, so one
-    object must not serve two collectors. A new version of the map resets all rows. It
-    reads no privileged key. The callables are not its submodules: they are neither
-    moved nor saved with it, get no gradient and must be in ``eval()`` mode.
+    object must not serve two collectors. A new version of the map resets all rows. The
+    callables are neither moved nor saved with it and must be in ``eval()`` mode.
 
     Reference:
         The paper, "Navigation implementation", Figs. 10 and 11, eq. 15.
@@ -75,9 +73,8 @@ class Navigator(TensorDictModuleBase):
         embed, compare: as in `TopologicalMap`.
         locomotion: embeddings here and there to logits of the actions that lead there.
         rules: its choices.
-        goal_reward: a reward of at least this much means that the goal was reached and
-            the agent put elsewhere, so that it looks for its place on the whole map;
-            ``None`` if that ends the episode or never happens: no reward is then read.
+        goal_reward: as in `TopologicalMap`: an agent that was put elsewhere looks for
+            its place on the whole map; with ``None`` no reward is read.
         in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
             ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
             and, with a ``goal_reward``, of the reward before (`PreviousReward`).
@@ -178,9 +175,8 @@ class Navigator(TensorDictModuleBase):
             return
         views = goal_views[agents.to(goal_views.device)]
         embedding = self.embed(views.flatten(0, 1)).float()
-        self.goals.begin(
-            agents, embedding.unflatten(0, views.shape[:2]), self.localiser
-        )
+        embedding = embedding.unflatten(0, views.shape[:2])
+        self.goals.begin(agents, embedding, self.localiser)
         self.plans.open_all(begins)
 
     def _restart(self, agents: Tensor) -> None:
@@ -192,20 +188,16 @@ class Navigator(TensorDictModuleBase):
         self._lost_left[agents] = 0
 
     def _locate(self, embedding: Tensor) -> Tensor:
-        place = self.localiser.locate(embedding, self._path())
+        last, path = self.localiser.place, None
+        if self.rules.follow:
+            leaves = self._gave_up | self.plans.cost(last).isinf()
+            path = self.plans.ahead(last, self.rules.follow)
+            path = path.masked_fill(leaves.unsqueeze(1), -1)
+        place = self.localiser.locate(embedding, path)
         self._lost_left = (self._lost_left - 1).clamp(min=0)
         turns_lost = (place < 0) & (self._lost_left == 0)
         self._lost_left[turns_lost] = self.rules.lost_for
         return place.masked_fill(self._lost_left > 0, -1)
-
-    def _path(self) -> Tensor | None:
-        """The path ahead of each agent, int64 ``[N, follow]``, -1 without one."""
-        if not self.rules.follow:
-            return None
-        last = self.localiser.place
-        path = self.plans.ahead(last, self.rules.follow)
-        leaves = self._gave_up | self.plans.cost(last).isinf()
-        return path.masked_fill(leaves.unsqueeze(1), -1)
 
     def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
         """Find a path for everyone, and the waypoint of it to walk to, int64 ``[N]``.

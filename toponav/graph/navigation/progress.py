@@ -15,11 +15,10 @@ class Progress:
 
     An agent is *stuck* once the second half of its last ``patience`` decisions brought
     it no nearer to the goal than the first half, by the median of the remaining cost,
-    since it mistakes its place now and then. With ``None`` it is never stuck. Which
-    edge was tried does not matter: before a closed corridor it stands at many waypoints
-    in turn. Most that are stuck only fail to turn a corner, for which one edge less is
-    enough. The *reach* of a cut therefore grows with each that comes soon after
-    another: 0, 1, 3, 7 and so on edges around the place.
+    since it mistakes its place now and then. With ``None`` it is never stuck. Most that
+    are stuck only fail to turn a corner, for which one edge less is enough. The *reach*
+    of a cut therefore grows with each that comes soon after another: 0, 1, 3, 7 and so
+    on edges around the place.
 
     Reference:
         The paper, "Goal reaching process": "if the goal is not reached within a certain

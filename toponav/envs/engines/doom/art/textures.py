@@ -1,10 +1,9 @@
 """Wall, floor, painting, mark, sky and door pictures, in palette indices.
 
 All are seen in small views from up to a dozen cells away, so they are made of few, big,
-flat shapes: no fine grain survives the distance. Style and hue of walls and floors say
-which region of the maze this is, a painting says which cell. From less than a quarter
-of a cell a view shows a small patch of one wall, and the walls of a region share one
-pattern: marks make such views differ too. A generator draws what varies.
+flat shapes. Style and hue of walls and floors say which region of the maze this is, a
+painting says which cell, and marks which patch of a wall a view from close by shows.
+A generator draws what varies.
 """
 
 import math
@@ -15,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toponav.envs.engines.doom.art.palette import BLACK, WHITE, Picture, colour_index
-from toponav.envs.engines.doom.art.sprites import (
-    SHAPES,
-    Plane,
-    radius,
-    square,
-    turned,
-)
+from toponav.envs.engines.doom.art.sprites import SHAPES, Plane, radius, square, turned
 
 #: Width and height of a wall or floor in pixels.
 SIZE = 128
@@ -209,11 +202,7 @@ def _shapes(
 
 
 def painting(background: Picture, rng: np.random.Generator) -> Picture:
-    """Hang a framed picture of random bright shapes on a wall, ``[128, 128]``.
-
-    Hardly two of a maze look alike even as thumbnails: they tell cells of a region
-    apart.
-    """
+    """Hang a framed picture of random bright shapes on a wall, ``[128, 128]``."""
     # The middle hangs a little above the eye, which is 48 units off the floor.
     x, y = (_X - 63.5).astype(np.float32), (_Y - 59.5).astype(np.float32)
     u, v = x / int(rng.integers(40, 56)), y / int(rng.integers(36, 52))

@@ -1,8 +1,7 @@
 """WAD files on disk: kept by content, and tried before Python loads them.
 
-An engine that fails while it starts crashes Python, and one that looks for an unknown
-map never returns. So a child process loads each WAD first, once per content and engine
-version.
+An engine that fails while it starts crashes Python, so a child process loads each WAD
+first, once per content and engine version.
 """
 
 import hashlib
