@@ -128,7 +128,7 @@ def test_the_recipes_are_looked_at() -> None:
         ("toponav.envs.scene", "from toponav.keys import PIXELS"),
         ("toponav.envs.scene", "from toponav import keys"),
         ("toponav.data.pairs", "import toponav.data.chunks"),
-        ("toponav.config.tour", "from toponav.config.maze import MazeConfig"),
+        ("toponav.config.explore", "from toponav.config.groups import MazeConfig"),
         ("toponav.builders", "from toponav.envs import DoomMazeEnv"),
         ("toponav.launch", "from toponav import config"),
         ("toponav.envs.scene", "import recipes_of_others"),
@@ -143,7 +143,7 @@ def test_the_rule_allows(module: str, source: str) -> None:
     [
         ("toponav.keys", "from toponav.config import x", "across"),
         ("toponav.config", "import toponav.envs", "across"),
-        ("toponav.config.maze", "from toponav.keys import PIXELS", "across"),
+        ("toponav.config.groups", "from toponav.keys import PIXELS", "across"),
         ("toponav.collectors.mailbox", "from toponav.transforms import x", "across"),
         ("toponav.envs.scene", "from toponav.data.pairs import x", "across"),
         ("toponav.envs.scene", "from toponav import data", "across"),

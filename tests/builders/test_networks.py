@@ -117,7 +117,7 @@ def test_other_weights_than_the_model_has_are_refused(saved: Path) -> None:
     state = torch.load(saved, weights_only=True)
     state["model"]["embedding_dim"] = 17
     torch.save(state, saved)
-    with pytest.raises(SettingsError, match="whose weights fit their model"):
+    with pytest.raises(SettingsError, match="networks saved with the same"):
         load_networks(saved)
 
 

@@ -2,8 +2,7 @@ import csv
 from pathlib import Path
 
 from toponav.reports import write_measurements
-from toponav.runs import make_loggers
-from toponav.runs.run_files import write_history
+from toponav.runs import make_loggers, write_history
 
 
 def measurement(update: int, **more: float) -> dict[str, float]:

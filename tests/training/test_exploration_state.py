@@ -51,7 +51,7 @@ def test_a_run_without_a_checkpoint_begins_at_its_start(tmp_path: Path) -> None:
 def test_a_checkpoint_of_another_policy_is_refused(tmp_path: Path) -> None:
     save_exploration(tmp_path, ExplorationState(), {"learner": make_learner()})
     other = make_learner("policy.hidden=8")
-    with pytest.raises(SettingsError, match="checkpoint fits its settings, got"):
+    with pytest.raises(SettingsError, match="saved with the same settings, got"):
         restore_exploration(tmp_path, ExplorationState(), {"learner": other})
 
 

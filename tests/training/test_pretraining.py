@@ -94,7 +94,7 @@ def test_a_checkpoint_without_a_part_is_refused(tmp_path: Path) -> None:
     state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
     del state["updates"]
     torch.save(state, tmp_path / "checkpoint.pt")
-    with pytest.raises(SettingsError, match="resume must name a run whose checkpoint"):
+    with pytest.raises(SettingsError, match="resume must name a run saved with"):
         restore_training(tmp_path, networks, trainer)
 
 

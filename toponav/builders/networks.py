@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import nn
@@ -18,12 +17,12 @@ from toponav.modules import (
     SmallEncoder,
     TCNetwork,
 )
-from toponav.runs import load_checkpoint, save_atomically
+from toponav.runs import reading_checkpoint, save_atomically
 from toponav.worlds import WorldSpec
 
 #: The file in a run folder that holds the networks.
 NETWORKS_FILE = "networks.pt"
-_KIND, _VERSION = "toponav networks", 1
+_HEADER = {"kind": "toponav networks", "version": 1}
 
 
 @dataclass
@@ -132,8 +131,7 @@ def start_networks(
 def save_networks(networks: Networks, path: Path) -> None:
     """Write networks and thresholds into one file, atomically."""
     state: dict[str, object] = {
-        "kind": _KIND,
-        "version": _VERSION,
+        **_HEADER,
         "model": asdict(networks.model),
         "view_size": list(networks.view_size),
         "num_actions": networks.num_actions,
@@ -165,32 +163,20 @@ def load_networks(
     """
     path = Path(path)
     file = path / NETWORKS_FILE if path.is_dir() else path
-    state: dict[str, Any] = load_checkpoint(file, setting, device=device)
-    if state.get("kind") != _KIND or state.get("version") != _VERSION:
-        raise SettingsError(
-            f"{setting} must name networks of version {_VERSION}, got {file} with "
-            f"{state.get('kind', 'something else')} {state.get('version', '')}".rstrip()
+    with reading_checkpoint(file, setting, _HEADER, "networks", device=device) as state:
+        # Earlier versions knew one engine alone, and did not write its numbers.
+        default = load_engine(DEFAULT_ENGINE).world
+        height, width = state.get("view_size", default.view_size)
+        num_actions = int(state.get("num_actions", default.num_actions))
+        made_for = WorldSpec(
+            view_size=(height, width), actions=tuple(map(str, range(num_actions)))
         )
-    # Earlier versions knew one engine alone, and did not write its numbers.
-    default = load_engine(DEFAULT_ENGINE).world
-    height, width = state.get("view_size", default.view_size)
-    num_actions = int(state.get("num_actions", default.num_actions))
-    made_for = WorldSpec(
-        view_size=(height, width), actions=tuple(map(str, range(num_actions)))
-    )
-    require_same_world(made_for, world or made_for, setting)
-    try:
+        require_same_world(made_for, world or made_for, setting)
         config = ModelConfig(**state["model"])
         require_same_model(config, model or config, setting)
         networks = make_networks(config, made_for, device=device)
         networks.modules.load_state_dict(state["weights"])
         networks.thresholds = dict(state["thresholds"])
-    except (KeyError, TypeError, RuntimeError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise SettingsError(
-            f"{setting} must name networks whose weights fit their model, got {file} "
-            f"({reason[:80]})"
-        ) from error
     networks.modules.eval()
     return networks
 

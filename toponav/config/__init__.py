@@ -26,25 +26,26 @@ from toponav.config.explore import (
     OnlineConfig as OnlineConfig,
     PolicyConfig as PolicyConfig,
 )
-from toponav.config.maze import MazeConfig as MazeConfig
-from toponav.config.methods import (
+from toponav.config.groups import (
     LearnerConfig as LearnerConfig,
+    MazeConfig as MazeConfig,
+    ModelConfig as ModelConfig,
+    PairsConfig as PairsConfig,
     RewardConfig as RewardConfig,
     WorldConfig as WorldConfig,
 )
-from toponav.config.model import ModelConfig as ModelConfig, PairsConfig as PairsConfig
 from toponav.config.navigate import (
     NavigateConfig as NavigateConfig,
     NavigateVideoConfig as NavigateVideoConfig,
     NavigatorConfig as NavigatorConfig,
+    SweepReportConfig as SweepReportConfig,
+    TourConfig as TourConfig,
 )
 from toponav.config.pretrain import (
     PretrainConfig as PretrainConfig,
     TrainConfig as TrainConfig,
 )
-from toponav.config.report import SweepReportConfig as SweepReportConfig
 from toponav.config.run_settings import run_setting as run_setting
-from toponav.config.tour import TourConfig as TourConfig
 
 #: Recipe name -> schema of its settings.
 RECIPES: dict[str, type] = {

@@ -13,9 +13,14 @@ from toponav.config.checks import (
     require,
     threshold_or,
 )
-from toponav.config.maze import MazeConfig
-from toponav.config.methods import LearnerConfig, RewardConfig, WorldConfig
-from toponav.config.model import ModelConfig, PairsConfig
+from toponav.config.groups import (
+    LearnerConfig,
+    MazeConfig,
+    ModelConfig,
+    PairsConfig,
+    RewardConfig,
+    WorldConfig,
+)
 
 
 @dataclass

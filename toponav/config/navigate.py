@@ -1,11 +1,11 @@
-"""The schema of ``recipes/navigate.py``."""
+"""The schemas of the recipes that run no training: navigate, tour and report."""
 
 from dataclasses import dataclass
 
 from omegaconf import MISSING
 
 from toponav.config.checks import Settings, at_least, between, one_of, require
-from toponav.config.maze import MazeConfig
+from toponav.config.groups import MazeConfig
 
 
 @dataclass
@@ -67,4 +67,33 @@ class NavigateConfig(Settings):
         super().__post_init__()
         require(
             self.maze.goal, "maze.goal must be true, so that there is a goal", False
+        )
+
+
+@dataclass
+class TourConfig(Settings):
+    """Settings of ``recipes/tour.py``."""
+
+    engine: str = MISSING
+    maze: MazeConfig = MISSING
+    seed: int = MISSING
+    decisions: int = at_least(1)
+    views: int = between(1, 12)
+    video: str = one_of("mp4", "gif")
+    height: int = at_least(64)
+
+
+@dataclass
+class SweepReportConfig(Settings):
+    """Settings of ``recipes/report.py``."""
+
+    folder: str = MISSING
+    draws: int = at_least(1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(
+            bool(self.folder),
+            "folder must name the folder of a sweep, such as multirun/explore/<time>",
+            f"'{self.folder}'",
         )

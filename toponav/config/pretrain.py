@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from omegaconf import MISSING
 
 from toponav.config.checks import Settings, above, at_least, one_of, require
-from toponav.config.maze import MazeConfig
-from toponav.config.methods import WorldConfig
-from toponav.config.model import ModelConfig, PairsConfig
+from toponav.config.groups import MazeConfig, ModelConfig, PairsConfig, WorldConfig
 
 
 @dataclass

@@ -1,14 +1,12 @@
 """What a run leaves on disk: folders, checkpoints, tables."""
 
-from toponav.runs.atomic import replacing as replacing
-from toponav.runs.checkpoints import (
+from toponav.runs.files import (
     CHECKPOINT_FILE as CHECKPOINT_FILE,
-    load_checkpoint as load_checkpoint,
-    save_atomically as save_atomically,
-)
-from toponav.runs.run_files import (
     Figures as Figures,
     make_loggers as make_loggers,
+    reading_checkpoint as reading_checkpoint,
+    replacing as replacing,
+    save_atomically as save_atomically,
     write_array as write_array,
     write_history as write_history,
     write_text as write_text,

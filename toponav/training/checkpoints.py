@@ -1,17 +1,15 @@
 """Checkpoints, from which a run is resumed."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from toponav.builders import Consumer, Networks, require_same_model
-from toponav.config import ModelConfig, SettingsError
-from toponav.runs import CHECKPOINT_FILE, load_checkpoint, save_atomically
+from toponav.config import ModelConfig
+from toponav.runs import CHECKPOINT_FILE, reading_checkpoint, save_atomically
 from toponav.training.exploration_state import ExplorationState
 from toponav.training.pair_trainer import PairTrainer
 
@@ -47,9 +45,10 @@ def restore_exploration(
     Raises:
         SettingsError: if the checkpoint is damaged or of other settings.
     """
-    if not (folder / CHECKPOINT_FILE).is_file():
+    path = folder / CHECKPOINT_FILE
+    if not path.is_file():
         return
-    with _checkpoint_of(folder, _EXPLORATION, "an exploration") as found:
+    with reading_checkpoint(path, "resume", _EXPLORATION, "an exploration") as found:
         for name, consumer in consumers.items():
             # A run that resumes with a part that it had not gets it fresh.
             if name in found["consumers"]:
@@ -90,33 +89,11 @@ def restore_training(
     Raises:
         SettingsError: if there is no checkpoint, it is damaged or of another model.
     """
-    with _checkpoint_of(folder, _TRAINING, "a run") as found:
+    path = folder / CHECKPOINT_FILE
+    with reading_checkpoint(path, "resume", _TRAINING, "a run") as found:
         require_same_model(ModelConfig(**found["model"]), networks.model, "resume")
         # Earlier runs name the number of updates in the singular.
         trainer.load_state_dict({"updates": found.get("update"), **found})
         torch.set_rng_state(found["torch_generator"])
         history: list[dict[str, float]] = found["history"]
     return history
-
-
-@contextmanager
-def _checkpoint_of(
-    folder: Path, wanted: Mapping[str, object], noun: str
-) -> Iterator[dict[str, Any]]:
-    """The checkpoint of a run folder; refuses one that does not fit when it is read."""
-    path = folder / CHECKPOINT_FILE
-    found = load_checkpoint(path, "resume")
-    if any(found.get(name) != value for name, value in wanted.items()):
-        raise SettingsError(
-            f"resume must name {noun} of version {wanted['version']}, got {path} with "
-            f"{found.get('kind', 'something else')} {found.get('version', '')}".rstrip()
-        )
-    try:
-        yield found
-    except SettingsError:
-        raise
-    except (KeyError, TypeError, RuntimeError, ValueError) as error:
-        raise SettingsError(
-            f"resume must name a run whose checkpoint fits its settings, got {path} "
-            f"({str(error).strip().splitlines()[0][:80]})"
-        ) from error

@@ -1,10 +1,74 @@
-"""The schemas of the networks (``conf/model``) and of the pairs that train them."""
+"""The schemas of the groups that several recipes have.
 
-from dataclasses import dataclass
+The settings of one method alone are beside the method, in ``toponav/methods``.
+"""
+
+from dataclasses import dataclass, field
 
 from omegaconf import MISSING
 
-from toponav.config.checks import Settings, at_least, between, one_of, require
+from toponav.config.checks import Settings, above, at_least, between, one_of, require
+
+
+@dataclass
+class MazeConfig(Settings):
+    """A maze and what its episodes hold (``conf/maze``)."""
+
+    group = "maze"
+    name: str = MISSING
+    path: str | None = MISSING
+    rows: int = at_least(1)
+    cols: int = at_least(1)
+    seed: int = MISSING
+    loops: float = between(0, 1)
+    apples: int = at_least(0)
+    goal: bool = MISSING
+    blocked: list[str] = field(default_factory=list)
+    episode_length: int = at_least(1)
+    texture_seed: int = MISSING
+    paintings: float = between(0, 1)
+    marks: float = between(0, 1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(
+            self.name != "file" or bool(self.path),
+            "maze.path must name a layout file when maze=file",
+            self.path,
+        )
+
+
+@dataclass
+class RewardConfig(Settings):
+    """A reward method (``conf/reward``)."""
+
+    group = "reward"
+    name: str = MISSING
+
+
+@dataclass
+class LearnerConfig(Settings):
+    """A learner (``conf/loss``)."""
+
+    group = "loss"
+    name: str = MISSING
+    lr: float = above(0)
+    final_lr: float = between(0, 1)
+    rollout: int = at_least(1)
+    max_grad_norm: float = above(0)
+
+    def check(self, num_envs: int) -> None:
+        """Refuse settings that do not fit the number of environments."""
+
+
+@dataclass
+class WorldConfig(Settings):
+    """A world (``conf/world``)."""
+
+    group = "world"
+    name: str = MISSING
+    label: str = MISSING
+    episode_length: int = at_least(1)
 
 
 @dataclass

@@ -1,0 +1,147 @@
+"""Files of a run folder, each written whole or not at all; checkpoints are read back.
+
+Checkpoints hold tensors and plain values, and are read without running code.
+"""
+
+import math
+import os
+import pickle
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import ArrayLike
+from torchrl.record.loggers import CSVLogger, Logger, TensorboardLogger
+
+from toponav.config import SettingsError
+
+#: The file in a run folder from which a run is resumed.
+CHECKPOINT_FILE = "checkpoint.pt"
+#: One measurement: names to values.
+Figures = Mapping[str, float]
+
+
+@contextmanager
+def replacing(path: Path | str) -> Iterator[Path]:
+    """Give a temporary path in the same folder; on success it replaces ``path``.
+
+    Both have the same suffix. After an error ``path`` is untouched.
+
+    Examples:
+        >>> import tempfile
+        >>> with replacing(tempfile.mkdtemp() + "/notes.txt") as temporary:
+        ...     _ = temporary.write_text("complete")
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield temporary
+        # The bytes are on disk before the file is renamed.
+        with temporary.open("r+b") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def save_atomically(state: dict[str, object], path: Path) -> None:
+    """Write tensors and plain values as one file."""
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        torch.save(state, file)
+
+
+@contextmanager
+def reading_checkpoint(
+    path: Path,
+    setting: str,
+    header: Mapping[str, object],
+    noun: str,
+    *,
+    device: torch.device | str = "cpu",
+) -> Iterator[dict[str, Any]]:
+    """What `save_atomically` wrote, to make something of it in the ``with`` block.
+
+    Args:
+        path: the file.
+        setting: the setting that named it, for the errors.
+        header: its ``kind`` and ``version``.
+        noun: what it holds, for the errors.
+        device: where its tensors go.
+
+    Raises:
+        SettingsError: if the file is missing, damaged or of another kind or version, or
+            if what the block makes of it does not fit.
+    """
+    if not path.is_file():
+        raise SettingsError(f"{setting} must name a run with {path.name}, got {path}")
+    try:
+        found = torch.load(path, map_location=device, weights_only=True)
+    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as bad:
+        raise SettingsError(
+            f"{setting} must name a file that was written whole, got the damaged "
+            f"{path} ({_reason(bad)})"
+        ) from bad
+    if not isinstance(found, dict):
+        raise SettingsError(
+            f"{setting} must name a file of this package, got {path} with a "
+            f"{type(found).__name__}"
+        )
+    if any(found.get(name) != value for name, value in header.items()):
+        given = f"{found.get('kind', 'something else')} {found.get('version', '')}"
+        raise SettingsError(
+            f"{setting} must name {noun} of version {header['version']}, got {path} "
+            f"with {given.rstrip()}"
+        )
+    try:
+        yield found
+    except SettingsError:
+        raise
+    except (KeyError, TypeError, RuntimeError, ValueError) as bad:
+        raise SettingsError(
+            f"{setting} must name {noun} saved with the same settings, got {path} "
+            f"({_reason(bad)})"
+        ) from bad
+
+
+def _reason(error: Exception) -> str:
+    """The beginning of what an error says."""
+    return (str(error).strip() or "empty").splitlines()[0][:80]
+
+
+def make_loggers(folder: Path) -> list[Logger]:
+    """TorchRL's loggers: ``logs/csv`` (a file a name) and ``logs/tensorboard``.
+
+    A resumed run appends to both.
+    """
+    logs = str(folder / "logs")
+    return [CSVLogger("csv", log_dir=logs), TensorboardLogger("tensorboard", logs)]
+
+
+def write_history(path: Path, history: Sequence[Figures]) -> None:
+    """Write measurements as a CSV table, one row each; the last names the columns."""
+    table = pd.DataFrame(list(history), columns=list(history[-1]), dtype=object)
+    cells = table.map(_to_cell)
+    write_text(path, cells.to_csv(index=False, lineterminator="\n"))
+
+
+def _to_cell(value: float | str) -> float | str:
+    """Floats get six digits; NaN becomes an empty cell."""
+    if isinstance(value, int | str):
+        return value
+    return "" if math.isnan(value) else f"{value:.6g}"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_array(path: Path, values: ArrayLike) -> None:
+    """Write a NumPy file."""
+    with replacing(path) as temporary:
+        np.save(temporary, np.asarray(values), allow_pickle=False)
