@@ -40,7 +40,6 @@ from toponav.builders import (
     collect_batches,
     keep_freed_memory,
     make_networks,
-    network_dtype,
     stop_collector,
 )
 from toponav.collectors import Mailbox
@@ -166,7 +165,7 @@ def time_decision(
     views = now[NETWORK_PIXELS]
     seconds["embed"] = best_seconds(lambda: tc.embed(views)) / envs
     memory = torch.randn(envs, settings.reward.capacity, settings.model.embedding_dim)
-    memory = memory.to(network_dtype(tc))
+    memory = memory.to(next(tc.parameters()))
     prepared, one = tc.prepare_memory(memory), memory[:, 0]
     compare = tc.compare_prepared
     seconds["compare"] = best_seconds(lambda: compare(one, prepared)) / envs

@@ -16,7 +16,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from toponav.builders import closed_letters, load_exploration, make_goal_places
+from toponav.builders import load_exploration, make_goal_places
 from toponav.config import NavigateConfig
 from toponav.launch import recipe
 from toponav.methods.navigators import CHOSEN, make_policies, warn_of_goals
@@ -49,7 +49,8 @@ def main(settings: NavigateConfig, folder: Path) -> None:
     played = play_policies(settings, truth, places, policies)
 
     # Numbers: an episode a row, and a policy a row.
-    title = f"{truth.layout.name}, {closed_letters(settings.maze.blocked)}"
+    closed = ", ".join(settings.maze.blocked) or "nothing"
+    title = f"{truth.layout.name}, {closed} closed"
     slow = settings.evaluate.slow
     rows = [summary_row(one, truth, places, slow=slow) for one in played]
     summary = markdown_summary(rows, title=title)

@@ -171,7 +171,12 @@ def _sentence(error: Exception, name: str) -> str:
             return str(refusal)
         # A resolver's own error, which OmegaConf wraps without naming it as the cause.
         refusal = refusal.__cause__ or refusal.__context__
-    text = "\n".join(_messages(error))
+    # The innermost message first: Hydra wraps what OmegaConf says.
+    messages, cause = [str(error)], error.__cause__
+    while cause is not None:
+        messages.insert(0, str(cause))
+        cause = cause.__cause__
+    text = "\n".join(messages)
     if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
         group, given = found.groups()
         options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
@@ -202,14 +207,6 @@ def _sentence(error: Exception, name: str) -> str:
             return f"{key} must be a list such as [a,b], got something else"
         return f"{key}: {text.splitlines()[0].strip()}"
     return next(line.strip() for line in text.splitlines() if line.strip())
-
-
-def _messages(error: BaseException | None) -> Iterator[str]:
-    """The innermost message first: Hydra wraps what OmegaConf says."""
-    if error is None:
-        return
-    yield from _messages(error.__cause__)
-    yield str(error)
 
 
 def _hint(given: str, choices: list[str]) -> str:

@@ -1,6 +1,5 @@
 import math
 
-from toponav.builders import closed_letters
 from toponav.reports import markdown_summary
 
 
@@ -12,4 +11,3 @@ def test_a_table_says_nothing_where_there_is_nothing():
     table = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
     assert table[0] == ["", "oracle", "navigator"]
     assert table[2:] == [["goals", "2", "1 (0.5 to 1.5)"], ["delay", "", "7"]]
-    assert closed_letters(["a"]) == "a closed"

@@ -2,8 +2,10 @@
 
 from toponav.builders.collection import (
     FRAME_KEYS as FRAME_KEYS,
+    Rollout as Rollout,
     collect_frames as collect_frames,
     collect_held_out as collect_held_out,
+    collect_rollout as collect_rollout,
     frames_that_fit as frames_that_fit,
     make_frame_buffer as make_frame_buffer,
     make_walk_policy as make_walk_policy,
@@ -23,24 +25,20 @@ from toponav.builders.navigation import (
 )
 from toponav.builders.navigation_goals import (
     GoalPlaces as GoalPlaces,
-    closed_letters as closed_letters,
     make_goal_places as make_goal_places,
     make_navigation_env as make_navigation_env,
 )
 from toponav.builders.networks import (
     NETWORKS_FILE as NETWORKS_FILE,
     Networks as Networks,
+    Novelty as Novelty,
+    for_inference as for_inference,
     load_networks as load_networks,
+    make_empty_novelty as make_empty_novelty,
     make_networks as make_networks,
     require_same_model as require_same_model,
     save_networks as save_networks,
     start_networks as start_networks,
-)
-from toponav.builders.novelty import (
-    Novelty as Novelty,
-    for_inference as for_inference,
-    make_empty_novelty as make_empty_novelty,
-    network_dtype as network_dtype,
 )
 from toponav.builders.pretraining import (
     prepare_networks as prepare_networks,
@@ -61,10 +59,6 @@ from toponav.builders.protocols import (
     Consumer as Consumer,
     RewardMethod as RewardMethod,
     World as World,
-)
-from toponav.builders.rollouts import (
-    Rollout as Rollout,
-    collect_rollout as collect_rollout,
 )
 from toponav.builders.watch import (
     CollectionError as CollectionError,

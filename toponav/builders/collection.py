@@ -1,25 +1,26 @@
-"""Where frames come from: worlds, collectors, the storage, held-out episodes."""
+"""Where frames come from: collectors, rollouts, held-out episodes; their storage."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from functools import partial
+from typing import NamedTuple
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.collectors import BaseCollector
+from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
 from torchrl.envs.transforms import ExcludeTransform
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.weight_update import NoWeightSyncScheme
 from tqdm import tqdm
 
 from toponav.builders.processes import keep_freed_memory, stop_collector
 from toponav.builders.protocols import World
-from toponav.builders.rollouts import collect_rollout
 from toponav.builders.watch import collect_batches, start_collector
 from toponav.collectors import PatientAsyncCollector
-from toponav.config import PretrainConfig, require
+from toponav.config import PretrainConfig
 from toponav.data import HeldOut
 from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, PIXELS, POSITION, TRAJECTORY
 from toponav.policies import RandomPolicy, StickyPolicy, forward_weights
@@ -57,18 +58,23 @@ def make_walk_policy(kind: str, world: WorldSpec, *, seed: int) -> TensorDictMod
     return RandomPolicy(world.num_actions, seed=seed)
 
 
-def make_collector(config: PretrainConfig, worlds: Sequence[World]) -> BaseCollector:
-    """Processes that walk at random in the worlds while the caller does other things.
+@contextmanager
+def collect_frames(
+    config: PretrainConfig, worlds: Sequence[World], *, needed: bool = True
+) -> Iterator[Iterator[TensorDictBase]]:
+    """Batches of processes that walk at random, which end with the ``with`` block.
 
     Each delivers batches of ``collect.batch`` decisions and stays at most one batch
     ahead. One process gives the same frames in the same order every time; several
-    deliver in any order. Shut it down in ``finally``; never ask it for its state while
-    it runs (it would drop a rollout and hang).
+    deliver in any order. Without ``needed`` no process is started, and there are none.
 
     Raises:
         EngineError: if the engine cannot start.
-        CollectionError: if a process dies or hangs while it starts.
+        CollectionError: if a process dies or hangs.
     """
+    if not needed:
+        yield iter(())
+        return
     collect = config.collect
     make = partial(make_walk_env, envs=collect.envs, halve=config.model.halve)
     per_world = -(-max(collect.workers, len(worlds)) // len(worlds))
@@ -76,6 +82,7 @@ def make_collector(config: PretrainConfig, worlds: Sequence[World]) -> BaseColle
         (worlds[number % len(worlds)], _SEEDS_PER_RUN * config.seed + number)
         for number in range(per_world * len(worlds))
     ]
+    # Never ask it for its state while it runs: it would drop a rollout and hang.
     start = partial(
         PatientAsyncCollector,
         [partial(make, world, seed=seed) for world, seed in workers],
@@ -91,23 +98,9 @@ def make_collector(config: PretrainConfig, worlds: Sequence[World]) -> BaseColle
         weight_sync_schemes={"policy": NoWeightSyncScheme()},
         auto_register_policy_transforms=False,
     )
-    return start_collector(start, max_idle_s=collect.max_idle_s)
-
-
-@contextmanager
-def collect_frames(
-    config: PretrainConfig, worlds: Sequence[World], *, needed: bool = True
-) -> Iterator[Iterator[TensorDictBase]]:
-    """Batches of a `make_collector`, which ends with the ``with`` block.
-
-    Without ``needed`` no process is started, and there are none.
-    """
-    if not needed:
-        yield iter(())
-        return
-    collector = make_collector(config, worlds)
+    collector = start_collector(start, max_idle_s=collect.max_idle_s)
     try:
-        yield collect_batches(collector, max_idle_s=config.collect.max_idle_s)
+        yield collect_batches(collector, max_idle_s=collect.max_idle_s)
     finally:
         stop_collector(collector)
 
@@ -137,16 +130,69 @@ def make_frame_buffer(
         collect.buffer_gb, world.view_size, halve=config.model.halve
     )
     frames = max(frames, collect.batch)
-    length, longest = frames // (collect.envs * collect.workers), config.longest_pair
-    require(
-        length > longest,
-        "frames in collect.buffer_gb / (workers * envs) must be more than M * k = "
-        f"{longest} decisions",
-        length,
-    )
+    name = "frames in collect.buffer_gb / (workers * envs)"
+    length = frames // (collect.envs * collect.workers)
+    config.pairs.check_room({name: length}, config.longest_m)
     return TensorDictReplayBuffer(
         storage=LazyTensorStorage(frames), batch_size=collect.batch
     )
+
+
+class Rollout(NamedTuple):
+    """Decisions of a policy."""
+
+    #: ``[E, T]`` with the keys that were asked for.
+    frames: TensorDictBase
+    #: ``[]``; all entries of the first environment after its reset.
+    start: TensorDictBase
+    #: ``[V, H, W, 3]``; the first views of the first environment.
+    views: Tensor
+
+
+@torch.no_grad()
+def collect_rollout(
+    env: EnvBase,
+    policy: TensorDictModuleBase,
+    decisions: int,
+    *,
+    keep: Sequence[NestedKey],
+    keep_next: Sequence[NestedKey] = (),
+    views: int = 0,
+    progress: Callable[[int], object] | None = None,
+) -> Rollout:
+    """Reset the environments and play; actions are sampled, as in training.
+
+    Where an episode ends, the next one follows.
+
+    Args:
+        env: of batch size ``[E]``.
+        policy: reads what the environment writes.
+        decisions: number T of decisions.
+        keep: keys to keep of the moment of each decision; missing ones are skipped.
+        keep_next: keys to keep of the moment after it, under ``next``; likewise.
+        views: number V of views to keep of the first environment, at most T + 1.
+        progress: called with E after every decision.
+    """
+    frames: list[TensorDictBase] = []
+    seen: list[Tensor] = []
+    with set_exploration_type(ExplorationType.RANDOM):
+        now = env.reset()
+        start = now[0].clone()
+        for _ in range(decisions):
+            step, following = env.step_and_maybe_reset(policy(now))
+            frame = step.select(*keep, strict=False)
+            if keep_next:
+                frame["next"] = step["next"].select(*keep_next, strict=False)
+            frames.append(frame)
+            if len(seen) < views:
+                seen.append(step[PIXELS][0].clone())
+            now = following
+            if progress is not None:
+                progress(env.batch_size[0])
+        if len(seen) < views:
+            seen.append(step["next", PIXELS][0].clone())
+    shown = torch.stack(seen) if seen else torch.empty(0)
+    return Rollout(torch.stack(frames, 1), start, shown)
 
 
 def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[HeldOut]:
@@ -173,16 +219,13 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
         # One draw that is not played: held-out episodes are the same in all versions.
         policy(TensorDict(batch_size=[validate.episodes]))
         name = f"held out {world.name}"
-        try:
-            with tqdm(total=total, unit="decision", desc=name) as bar:
-                rollout = collect_rollout(
-                    env,
-                    policy,
-                    validate.decisions,
-                    keep=HELD_OUT_KEYS,
-                    progress=bar.update,
-                )
-        finally:
-            env.close()
+        with closing(env), tqdm(total=total, unit="decision", desc=name) as bar:
+            rollout = collect_rollout(
+                env,
+                policy,
+                validate.decisions,
+                keep=HELD_OUT_KEYS,
+                progress=bar.update,
+            )
         found.append(HeldOut(rollout.frames, name=world.name))
     return found

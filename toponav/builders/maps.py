@@ -1,11 +1,10 @@
 """Maps from settings: their rules, their thresholds, and the network behind them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 
 from torch import Tensor
 
-from toponav.builders.novelty import network_dtype
 from toponav.config import MapConfig, SettingsError
 from toponav.graph import MapRules, TopologicalMap
 from toponav.modules import TCNetwork
@@ -37,14 +36,7 @@ def make_map(
         )
     settings = {field.name: getattr(config, field.name) for field in fields(MapRules)}
     settings |= {"tc_threshold": threshold, "tc_reach": reach}
-    embed, compare, prepare = on_cpu(tc)
-    return TopologicalMap(
-        embed,
-        compare,
-        MapRules(**settings),
-        prepare=prepare,
-        goal_reward=world.goal_reward,
-    )
+    return empty_map(tc, MapRules(**settings), goal_reward=world.goal_reward)
 
 
 def threshold_of(
@@ -74,17 +66,13 @@ def threshold_of(
     return min(float(thresholds[name]), 0.999)
 
 
-def on_cpu(
-    tc: TCNetwork,
-) -> tuple[
-    Callable[[Tensor], Tensor],
-    Callable[[Tensor, Tensor], Tensor],
-    Callable[[Tensor], Tensor],
-]:
-    """What a map calls: `embed`, `compare` and `prepare`, wherever the network is."""
+def empty_map(
+    tc: TCNetwork, rules: MapRules, *, goal_reward: float | None = None
+) -> TopologicalMap:
+    """A map by a TC-network on any device and in any precision."""
 
     def to_network(values: Tensor) -> Tensor:
-        return values.to(next(tc.parameters()).device, network_dtype(tc))
+        return values.to(next(tc.parameters()))
 
     def embed(views: Tensor) -> Tensor:
         return tc.embed(views.to(next(tc.parameters()).device)).float().cpu()
@@ -95,4 +83,6 @@ def on_cpu(
     def prepare(memory: Tensor) -> Tensor:
         return tc.prepare_memory(to_network(memory)).float().cpu()
 
-    return embed, compare, prepare
+    return TopologicalMap(
+        embed, compare, rules, prepare=prepare, goal_reward=goal_reward
+    )

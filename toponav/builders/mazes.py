@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from toponav.config import MazeConfig, SettingsError
+from toponav.config import MazeConfig, refusing
 from toponav.envs import (
     Layout,
     MazeEnv,
@@ -14,37 +14,34 @@ from toponav.envs import (
 from toponav.worlds import WorldSpec
 
 
+@refusing("")
 def make_layout(config: MazeConfig) -> Layout:
     """The maze that a configuration names.
 
     Raises:
         SettingsError: if the maze is unknown, or its file or size is not valid.
     """
-    try:
-        if config.name == "file":
-            assert config.path is not None  # MazeConfig checks it
-            return load_layout_file(config.path)
-        if config.name == "random":
-            return make_random_layout(
-                config.rows, config.cols, seed=config.seed, loops=config.loops
-            )
-        return load_maze(config.name)
-    except ValueError as error:
-        raise SettingsError(str(error)) from error
+    if config.name == "file":
+        assert config.path is not None  # MazeConfig checks it
+        return load_layout_file(config.path)
+    if config.name == "random":
+        return make_random_layout(
+            config.rows, config.cols, seed=config.seed, loops=config.loops
+        )
+    return load_maze(config.name)
 
 
+@refusing("")
 def engine_world(engine: str) -> WorldSpec:
     """The numbers of the mazes on an engine.
 
     Raises:
         SettingsError: if no engine has this name.
     """
-    try:
-        return load_engine(engine).world
-    except ValueError as error:
-        raise SettingsError(str(error)) from error
+    return load_engine(engine).world
 
 
+@refusing("maze: ")
 def make_env(
     config: MazeConfig,
     *,
@@ -62,21 +59,18 @@ def make_env(
     """
     layout = make_layout(config)
     engine_world(engine)  # refuses an unknown one
-    try:
-        return MazeEnv(
-            layout,
-            engine=engine,
-            batch_size=batch_size,
-            apples=config.apples,
-            goal=config.goal,
-            blocked=config.blocked,
-            goal_cells=goal_cells,
-            episode_length=config.episode_length,
-            texture_seed=config.texture_seed,
-            paintings=config.paintings,
-            marks=config.marks,
-            privileged=privileged,
-            seed=seed,
-        )
-    except ValueError as error:
-        raise SettingsError(f"maze: {error}") from error
+    return MazeEnv(
+        layout,
+        engine=engine,
+        batch_size=batch_size,
+        apples=config.apples,
+        goal=config.goal,
+        blocked=config.blocked,
+        goal_cells=goal_cells,
+        episode_length=config.episode_length,
+        texture_seed=config.texture_seed,
+        paintings=config.paintings,
+        marks=config.marks,
+        privileged=privileged,
+        seed=seed,
+    )

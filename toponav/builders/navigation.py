@@ -7,9 +7,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_layout
 from toponav.builders.networks import Networks, load_networks
-from toponav.config import MazeConfig, NavigateConfig, SettingsError, run_setting
+from toponav.config import (
+    MazeConfig,
+    NavigateConfig,
+    SettingsError,
+    refusing,
+    run_setting,
+)
 from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
 from toponav.ground_truth import GroundTruthDistances, require_motion
@@ -63,6 +70,12 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
     require_same_maze(config.run, config.maze, layout)
     folder, world = Path(str(config.run)), engine_world(config.engine)
     networks = load_networks(folder, setting="run", world=world)
+    for name in (MAP_FILE, POSES_FILE):
+        if not (folder / name).is_file():
+            raise SettingsError(
+                f"run must name an exploration with a map, got '{folder}' without "
+                f"{name}"
+            )
     topological_map = _load_map(folder, networks)
     poses = _load_poses(folder, topological_map.num_waypoints)
     distances = GroundTruthDistances(
@@ -94,45 +107,25 @@ def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None
 
 def _load_map(folder: Path, networks: Networks) -> TopologicalMap:
     """The map of a run, with networks of the same run."""
-    tc = networks.tc
-    topological_map = TopologicalMap(
-        tc.embed,
-        tc.compare_prepared,
-        # The thresholds are loaded with the map.
-        MapRules(tc_threshold=0.5, tc_reach=0.5),
-        prepare=tc.prepare_memory,
-    )
-    file = _require_file(folder, MAP_FILE)
-    try:
-        state, _ = load_map(file)
-        topological_map.load_state_dict(state)
-    except (MapFileError, ValueError) as error:
-        raise SettingsError(f"run: {error}") from error
-    if not topological_map.num_waypoints:
+    # The thresholds are loaded with the map.
+    found = empty_map(networks.tc, MapRules(tc_threshold=0.5, tc_reach=0.5))
+    with refusing("run: ", (MapFileError, ValueError)):
+        state, _ = load_map(folder / MAP_FILE)
+        found.load_state_dict(state)
+    if not found.num_waypoints:
         raise SettingsError(
             "run must name an exploration whose map has waypoints, got an empty "
             f"{MAP_FILE} in '{folder}'"
         )
-    return topological_map
+    return found
 
 
 def _load_poses(folder: Path, num_waypoints: int) -> Tensor:
-    file = _require_file(folder, POSES_FILE)
-    try:
-        poses = np.load(file, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise SettingsError(f"run: {error}") from error
+    with refusing("run: ", (ValueError, OSError, EOFError)):
+        poses = np.load(folder / POSES_FILE, allow_pickle=False)
     if poses.shape != (num_waypoints, 3):
         raise SettingsError(
             f"run must name an exploration whose {POSES_FILE} has a row of three for "
             f"each of {num_waypoints} waypoints, got {poses.shape}"
         )
     return torch.from_numpy(poses).float()
-
-
-def _require_file(folder: Path, name: str) -> Path:
-    if not (folder / name).is_file():
-        raise SettingsError(
-            f"run must name an exploration with a map, got '{folder}' without {name}"
-        )
-    return folder / name

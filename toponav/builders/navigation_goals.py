@@ -1,6 +1,7 @@
 """Where goals can be, and the pictures by which an agent knows them."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +10,10 @@ from torch import Tensor
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv
 from torchrl.envs.transforms import Compose
 
+from toponav.builders.collection import collect_rollout
 from toponav.builders.mazes import make_env
 from toponav.builders.navigation import AgentKnowledge, GroundTruth
 from toponav.builders.processes import seed_of
-from toponav.builders.rollouts import collect_rollout
 from toponav.config import NavigateConfig, SettingsError
 from toponav.ground_truth import pick_goal_views
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
@@ -91,8 +92,6 @@ def _walk_for_views(
     """
     maze = replace(config.maze, goal=False, blocked=[], apples=0)
     seed, keys = seed_of(config.seed, _WALK), [PIXELS, POSITION, HEADING]
-    views: Tensor | None = None
-    poses = np.empty((0, 3))
     env = make_env(
         maze, engine=config.engine, batch_size=_WALKERS, seed=seed, privileged=True
     )
@@ -103,20 +102,19 @@ def _walk_for_views(
         init_key=None,
         seed=config.seed,
     )
-    try:
+    views = torch.empty(0, *env.world.view_size, 3, dtype=torch.uint8)
+    poses = np.empty((0, 3))
+    with closing(env):
         for _ in range(0, _MOST_PER_CELL * len(cells) + _CHUNK, _CHUNK):
             seen = collect_rollout(env, walker, _CHUNK, keep=keys).frames.reshape(-1)
             pose = torch.cat([seen[POSITION], seen[HEADING]], -1)
-            views = seen[PIXELS] if views is None else torch.cat([views, seen[PIXELS]])
+            views = torch.cat([views, seen[PIXELS]])
             poses = np.concatenate([poses, np.asarray(pose, float)])
             chosen = np.unique(_choose(config, truth, cells, poses))
             kept = chosen[chosen >= 0]
             views, poses = views[kept], poses[kept]
             if walker.visited.all():
                 break
-    finally:
-        env.close()
-    assert views is not None
     return views, poses
 
 
@@ -150,13 +148,3 @@ def make_navigation_env(
             InitTracker(),
         ),
     )
-
-
-def closed_letters(letters: Sequence[str]) -> str:
-    """What is closed, in words.
-
-    Examples:
-        >>> closed_letters([]), closed_letters(["a", "b"])
-        ('nothing closed', 'a, b closed')
-    """
-    return f"{', '.join(letters) or 'nothing'} closed"

@@ -1,12 +1,13 @@
-"""The TC-network and the L-network: made, written and read."""
+"""The TC-network and the L-network: made, written, read, and sent to explorers."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
-from toponav.config import ModelConfig, SettingsError
+from toponav.builders.processes import has_fast_bf16
+from toponav.config import ModelConfig, SettingsError, refusing
 from toponav.envs import DEFAULT_ENGINE, load_engine
 from toponav.modules import (
     ConcatComparator,
@@ -75,21 +76,17 @@ def make_networks(
         SettingsError: if the encoder cannot read views of this size.
 
     Examples:
-        >>> encoder = {"encoder": "small", "embedding_dim": 32, "batch_norm": True}
-        >>> heads = {"comparator_hidden": [16], "locomotion_hidden": [16]}
-        >>> heads["projection_dim"] = 16
         >>> config = ModelConfig(
-        ...     **encoder, **heads, share_encoder=True, comparator="difference"
-        ... )
+        ...     encoder="small", embedding_dim=32, batch_norm=True, share_encoder=True,
+        ...     comparator="difference", projection_dim=16, comparator_hidden=[16],
+        ...     locomotion_hidden=[16])
         >>> world = WorldSpec(view_size=(64, 64), actions=("left", "right"))
         >>> networks = make_networks(config, world)
         >>> networks.tc.encoder is networks.locomotion.encoder
         True
     """
-    try:
+    with refusing(f"model.encoder={config.encoder}: "):
         encoder = make_encoder(config, world)
-    except ValueError as error:
-        raise SettingsError(f"model.encoder={config.encoder}: {error}") from error
     dim, hidden = config.embedding_dim, config.comparator_hidden
     comparator: ConcatComparator | DifferenceComparator
     if config.comparator == "concat":
@@ -202,3 +199,40 @@ def require_same_model(given: ModelConfig, wanted: ModelConfig, setting: str) ->
             raise SettingsError(
                 f"{setting} must name networks with model.{name}={value}, got {other}"
             )
+
+
+class Novelty(nn.Module):
+    """A TC-network and the similarity at which a view counts as known.
+
+    They travel together. Networks that continue training keep the threshold that was
+    calibrated before exploring.
+
+    Args:
+        tc: the network; shared, not copied.
+        threshold: in [0, 1).
+    """
+
+    threshold: Tensor
+
+    def __init__(self, tc: TCNetwork, threshold: float = 0.5) -> None:
+        super().__init__()
+        self.tc = tc
+        self.register_buffer(
+            "threshold", torch.tensor(threshold, dtype=torch.float64), persistent=True
+        )
+
+
+def make_empty_novelty(model: ModelConfig, world: WorldSpec) -> Novelty:
+    """One to be filled with published weights, in the precision to use it in."""
+    return for_inference(Novelty(make_networks(model, world).tc).eval(), model)
+
+
+def for_inference(novelty: Novelty, model: ModelConfig) -> Novelty:
+    """The same in bfloat16, in place, where that is faster; not for training.
+
+    ResNet-18 takes half the time, the small encoder gains nothing. Casting at each
+    call, as autocast does, would take a third of the gain away.
+    """
+    if model.encoder == "resnet18" and has_fast_bf16(torch.device("cpu")):
+        novelty.tc.bfloat16()
+    return novelty

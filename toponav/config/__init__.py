@@ -15,6 +15,7 @@ from toponav.config.checks import (
     at_least as at_least,
     between as between,
     one_of as one_of,
+    refusing as refusing,
     require as require,
     threshold_or as threshold_or,
 )

@@ -1,7 +1,7 @@
 """What settings may hold; each check refuses in one sentence."""
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
@@ -24,6 +24,26 @@ def require(holds: bool, rule: str, given: object) -> None:
     """
     if not holds:
         raise SettingsError(f"{rule}, got {given}")
+
+
+@contextmanager
+def refusing(
+    start: str, errors: tuple[type[Exception], ...] = (ValueError,)
+) -> Iterator[None]:
+    """Make a `SettingsError` of an error in the ``with`` block or the function.
+
+    Examples:
+        >>> with refusing("maze: "):
+        ...     int("two")
+        Traceback (most recent call last):
+        toponav.config.checks.SettingsError: maze: invalid literal for int() with ...
+    """
+    try:
+        yield
+    except SettingsError:
+        raise
+    except errors as error:
+        raise SettingsError(f"{start}{error}") from error
 
 
 @dataclass

@@ -186,12 +186,7 @@ class ExploreConfig(Settings):
             f"map.after must be less than collect.decisions = {decisions}",
             self.map.after,
         )
-        longest = self.pairs.longest(self.pairs.m)
-        require(
-            episode > longest,
-            f"{length} must be more than M * k = {longest} decisions",
-            episode,
-        )
+        self.pairs.check_room({length: episode}, self.pairs.m)
 
     def resolved(self, model: ModelConfig | None) -> "ExploreConfig":
         """These settings with the model of its networks, and ``policy.input`` set.

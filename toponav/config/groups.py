@@ -3,6 +3,7 @@
 The settings of one method alone are beside the method, in ``toponav/methods``.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from omegaconf import MISSING
@@ -134,6 +135,9 @@ class PairsConfig(Settings):
             self.chunk_len,
         )
 
-    def longest(self, m: int) -> int:
-        """Most decisions between the views of a pair, if M is ``m``."""
-        return max(self.k * m, self.locomotion_k)
+    def check_room(self, lengths: Mapping[str, int], m: int) -> None:
+        """Refuse what has no room for a pair, the longest of M = ``m``."""
+        longest = max(self.k * m, self.locomotion_k)
+        for name, length in lengths.items():
+            rule = f"{name} must be more than M * k = {longest} decisions"
+            require(length > longest, rule, length)

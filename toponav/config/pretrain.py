@@ -86,19 +86,13 @@ class PretrainConfig:
             "init_from must name a run when train.updates=0",
             self.init_from,
         )
-        longest = self.longest_pair
         rows = self.collect.envs * self.collect.workers
-        shortest = {
+        lengths = {
             f"{self.world.group}.episode_length": self.world.episode_length,
             "validate.decisions": self.validate.decisions,
             "collect.ahead / (workers * envs)": self.collect.ahead // rows,
         }
-        for name, length in shortest.items():
-            require(
-                length > longest,
-                f"{name} must be more than M * k = {longest} decisions",
-                length,
-            )
+        self.pairs.check_room(lengths, self.longest_m)
         require(
             self.collect.ahead <= self.collect.decisions,
             f"collect.ahead must be at most collect.decisions={self.collect.decisions}",
@@ -106,6 +100,6 @@ class PretrainConfig:
         )
 
     @property
-    def longest_pair(self) -> int:
-        """Most decisions between the views of a pair."""
-        return self.pairs.longest(max(self.pairs.m, self.validate.m))
+    def longest_m(self) -> int:
+        """The larger M, of training and validation."""
+        return max(self.pairs.m, self.validate.m)

@@ -1,4 +1,4 @@
-"""Files of a run folder, each written whole or not at all; checkpoints are read back.
+"""Files of a run folder: written at once, never half; checkpoints are read back.
 
 Checkpoints hold tensors and plain values, and are read without running code.
 """

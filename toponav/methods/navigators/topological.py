@@ -7,7 +7,7 @@ from omegaconf import MISSING
 from torch import Tensor
 
 from toponav.builders import AgentKnowledge, GoalPlaces
-from toponav.config import NavigatorConfig, SettingsError, at_least
+from toponav.config import NavigatorConfig, at_least, refusing
 from toponav.graph import Navigator, NavigatorRules
 from toponav.methods.navigators.method import NavigatorMethod
 
@@ -33,10 +33,8 @@ class TopologicalConfig(NavigatorConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
+        with refusing("navigator."):
             self.rules(tc_reach=0.5)
-        except ValueError as error:
-            raise SettingsError(f"navigator.{error}") from error
 
     def rules(self, *, tc_reach: float) -> NavigatorRules:
         """The navigator's rules; ``tc_reach`` is the map's, unless it is set here."""

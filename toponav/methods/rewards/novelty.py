@@ -14,7 +14,6 @@ from toponav.builders import (
     RewardMethod,
     World,
     make_empty_novelty,
-    network_dtype,
     threshold_of,
 )
 from toponav.config import (
@@ -116,7 +115,7 @@ class NoveltyMethod(RewardMethod):
     def make_memory(self) -> WaypointMemory:
         """The episode's memory of waypoints, with this method's TC-network."""
         config, tc = self.config, self.novelty.tc
-        dtype = network_dtype(tc)
+        dtype = next(tc.parameters()).dtype
 
         def compare(embedding: Tensor, prepared: Tensor) -> Tensor:
             return tc.compare_prepared(embedding.to(dtype), prepared.to(dtype))

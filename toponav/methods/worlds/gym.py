@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from omegaconf import MISSING
 from torchrl.envs import EnvBase
 
-from toponav.config import ExploreConfig, PretrainConfig, SettingsError, WorldConfig
+from toponav.config import ExploreConfig, PretrainConfig, WorldConfig, refusing
 from toponav.envs import Layout, make_pixel_env
 from toponav.worlds import WorldSpec
 
@@ -47,7 +47,7 @@ class GymWorld:
         episode_length: int | None = None,
     ) -> EnvBase:
         """A batch of environments; ``privileged`` adds nothing here."""
-        try:
+        with refusing("world.id: "):
             return make_pixel_env(
                 self.config.id,
                 batch_size=batch_size,
@@ -55,5 +55,3 @@ class GymWorld:
                 seed=seed,
                 render=self.config.render,
             )
-        except ValueError as error:
-            raise SettingsError(f"world.id: {error}") from error
