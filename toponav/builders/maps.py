@@ -5,7 +5,7 @@ from dataclasses import fields
 
 from torch import Tensor
 
-from toponav.config import MapConfig, SettingsError
+from toponav.config import MapConfig, require
 from toponav.graph import MapRules, TopologicalMap
 from toponav.modules import TCNetwork
 from toponav.worlds import WorldSpec
@@ -29,11 +29,8 @@ def make_map(
     )
     if config.tc_reach == "auto":
         reach = min(reach, threshold)
-    if reach > threshold:
-        raise SettingsError(
-            f"map.tc_reach must be at most map.tc_threshold = {threshold:g}, got "
-            f"{reach:g}"
-        )
+    rule = f"map.tc_reach must be at most map.tc_threshold = {threshold:g}"
+    require(reach <= threshold, rule, f"{reach:g}")
     settings = {field.name: getattr(config, field.name) for field in fields(MapRules)}
     settings |= {"tc_threshold": threshold, "tc_reach": reach}
     return empty_map(tc, MapRules(**settings), goal_reward=world.goal_reward)
@@ -58,11 +55,8 @@ def threshold_of(
     name = words.get(value)
     if name is None:
         return float(value)
-    if name not in thresholds:
-        raise SettingsError(
-            f"{setting} must be a number with networks that have no calibrated "
-            f"{name}, got {value}"
-        )
+    rule = f"{setting} must be a number with networks that have no calibrated {name}"
+    require(name in thresholds, rule, value)
     return min(float(thresholds[name]), 0.999)
 
 

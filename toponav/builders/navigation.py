@@ -13,8 +13,8 @@ from toponav.builders.networks import Networks, load_networks
 from toponav.config import (
     MazeConfig,
     NavigateConfig,
-    SettingsError,
     refusing,
+    require,
     run_setting,
 )
 from toponav.envs import Layout
@@ -71,11 +71,9 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
     folder, world = Path(str(config.run)), engine_world(config.engine)
     networks = load_networks(folder, setting="run", world=world)
     for name in (MAP_FILE, POSES_FILE):
-        if not (folder / name).is_file():
-            raise SettingsError(
-                f"run must name an exploration with a map, got '{folder}' without "
-                f"{name}"
-            )
+        given = f"'{folder}' without {name}"
+        found = (folder / name).is_file()
+        require(found, "run must name an exploration with a map", given)
     topological_map = _load_map(folder, networks)
     poses = _load_poses(folder, topological_map.num_waypoints)
     distances = GroundTruthDistances(
@@ -92,17 +90,14 @@ def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None
     names = ("name", "path", "rows", "cols", "seed", "loops", *_APPEARANCE)
     found = {name: run_setting(run, f"maze.{name}") for name in names}
     explored = replace(maze, **found)
-    if make_layout(explored).text != layout.text:
-        raise SettingsError(
-            f"maze must be the one that the run explored, got {maze.name} (did you "
-            f"mean maze={explored.name}?)"
-        )
+    require(
+        make_layout(explored).text == layout.text,
+        "maze must be the one that the run explored",
+        f"{maze.name} (did you mean maze={explored.name}?)",
+    )
     for name in _APPEARANCE:
         given, wanted = getattr(maze, name), getattr(explored, name)
-        if given != wanted:
-            raise SettingsError(
-                f"maze.{name} must be {wanted}, as in the run, got {given}"
-            )
+        require(given == wanted, f"maze.{name} must be {wanted}, as in the run", given)
 
 
 def _load_map(folder: Path, networks: Networks) -> TopologicalMap:
@@ -112,20 +107,15 @@ def _load_map(folder: Path, networks: Networks) -> TopologicalMap:
     with refusing("run: ", (MapFileError, ValueError)):
         state, _ = load_map(folder / MAP_FILE)
         found.load_state_dict(state)
-    if not found.num_waypoints:
-        raise SettingsError(
-            "run must name an exploration whose map has waypoints, got an empty "
-            f"{MAP_FILE} in '{folder}'"
-        )
+    rule = "run must name an exploration whose map has waypoints"
+    require(found.num_waypoints > 0, rule, f"an empty {MAP_FILE} in '{folder}'")
     return found
 
 
 def _load_poses(folder: Path, num_waypoints: int) -> Tensor:
     with refusing("run: ", (ValueError, OSError, EOFError)):
         poses = np.load(folder / POSES_FILE, allow_pickle=False)
-    if poses.shape != (num_waypoints, 3):
-        raise SettingsError(
-            f"run must name an exploration whose {POSES_FILE} has a row of three for "
-            f"each of {num_waypoints} waypoints, got {poses.shape}"
-        )
+    rule = f"a row of three for each of {num_waypoints} waypoints"
+    rule = f"run must name an exploration whose {POSES_FILE} has {rule}"
+    require(poses.shape == (num_waypoints, 3), rule, poses.shape)
     return torch.from_numpy(poses).float()

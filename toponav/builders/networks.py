@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from toponav.builders.processes import has_fast_bf16
-from toponav.config import ModelConfig, SettingsError, refusing
+from toponav.config import ModelConfig, refusing, require
 from toponav.envs import DEFAULT_ENGINE, load_engine
 from toponav.modules import (
     ConcatComparator,
@@ -185,20 +185,15 @@ def require_same_world(given: WorldSpec, wanted: WorldSpec, setting: str) -> Non
         height, width = world.view_size
         return f"views of {height} x {width} pixels and {world.num_actions} actions"
 
-    if describe(given) != describe(wanted):
-        raise SettingsError(
-            f"{setting} must name networks for {describe(wanted)}, "
-            f"got some for {describe(given)}"
-        )
+    rule = f"{setting} must name networks for {describe(wanted)}"
+    require(describe(given) == describe(wanted), rule, f"some for {describe(given)}")
 
 
 def require_same_model(given: ModelConfig, wanted: ModelConfig, setting: str) -> None:
     """Refuse networks of another model than the run's, naming the first difference."""
     for name, value in asdict(wanted).items():
-        if (other := getattr(given, name)) != value:
-            raise SettingsError(
-                f"{setting} must name networks with model.{name}={value}, got {other}"
-            )
+        rule = f"{setting} must name networks with model.{name}={value}"
+        require(getattr(given, name) == value, rule, getattr(given, name))
 
 
 class Novelty(nn.Module):

@@ -41,12 +41,12 @@ from toponav.config.navigate import (
     NavigatorConfig as NavigatorConfig,
     SweepReportConfig as SweepReportConfig,
     TourConfig as TourConfig,
+    run_setting as run_setting,
 )
 from toponav.config.pretrain import (
     PretrainConfig as PretrainConfig,
     TrainConfig as TrainConfig,
 )
-from toponav.config.run_settings import run_setting as run_setting
 
 #: Recipe name -> schema of its settings.
 RECIPES: dict[str, type] = {

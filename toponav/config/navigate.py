@@ -1,11 +1,15 @@
 """The schemas of the recipes that run no training: navigate, tour and report."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-from omegaconf import MISSING
+from omegaconf import MISSING, DictConfig, OmegaConf
 
 from toponav.config.checks import Settings, at_least, between, one_of, require
 from toponav.config.groups import MazeConfig
+
+_NONE = object()
 
 
 @dataclass
@@ -97,3 +101,31 @@ class SweepReportConfig(Settings):
             "folder must name the folder of a sweep, such as multirun/explore/<time>",
             f"'{self.folder}'",
         )
+
+
+def run_setting(run: str | None, name: str, default: Any = _NONE) -> Any:
+    """A setting of the exploration in a run folder, of which nothing else is read.
+
+    YAML writes it ``${run_setting:${run},maze.name}``.
+
+    Args:
+        run: the folder.
+        name: dotted name of the setting.
+        default: without a run, and of earlier runs that had no such setting.
+
+    Raises:
+        SettingsError: if it is no folder of an exploration, or has no such setting.
+    """
+    if run is None and default is not _NONE:
+        return default
+    rule = "run must name the folder of an exploration"
+    require(run is not None, rule, "none")
+    file = Path(str(run)) / "config" / "config.yaml"
+    require(file.is_file(), rule, f"'{run}'")
+    config = OmegaConf.load(file)
+    explored = isinstance(config, DictConfig) and {"maze", "reward"} <= config.keys()
+    require(explored, rule, f"that of another recipe, '{run}'")
+    value = OmegaConf.select(config, name, default=default)
+    rule = f"run must name a run with the setting {name}"
+    require(value is not _NONE, rule, f"'{run}'")
+    return value

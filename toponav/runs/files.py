@@ -17,7 +17,7 @@ import torch
 from numpy.typing import ArrayLike
 from torchrl.record.loggers import CSVLogger, Logger, TensorboardLogger
 
-from toponav.config import SettingsError
+from toponav.config import SettingsError, require
 
 #: The file in a run folder from which a run is resumed.
 CHECKPOINT_FILE = "checkpoint.pt"
@@ -76,8 +76,7 @@ def reading_checkpoint(
         SettingsError: if the file is missing, damaged or of another kind or version, or
             if what the block makes of it does not fit.
     """
-    if not path.is_file():
-        raise SettingsError(f"{setting} must name a run with {path.name}, got {path}")
+    require(path.is_file(), f"{setting} must name a run with {path.name}", path)
     try:
         found = torch.load(path, map_location=device, weights_only=True)
     except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as bad:
@@ -85,17 +84,11 @@ def reading_checkpoint(
             f"{setting} must name a file that was written whole, got the damaged "
             f"{path} ({_reason(bad)})"
         ) from bad
-    if not isinstance(found, dict):
-        raise SettingsError(
-            f"{setting} must name a file of this package, got {path} with a "
-            f"{type(found).__name__}"
-        )
-    if any(found.get(name) != value for name, value in header.items()):
-        given = f"{found.get('kind', 'something else')} {found.get('version', '')}"
-        raise SettingsError(
-            f"{setting} must name {noun} of version {header['version']}, got {path} "
-            f"with {given.rstrip()}"
-        )
+    rule, given = f"{setting} must name a file of this package", type(found).__name__
+    require(isinstance(found, dict), rule, f"{path} with a {given}")
+    rule = f"{setting} must name {noun} of version {header['version']}"
+    given = f"{found.get('kind', 'something else')} {found.get('version', '')}".rstrip()
+    require(header.items() <= found.items(), rule, f"{path} with {given}")
     try:
         yield found
     except SettingsError:

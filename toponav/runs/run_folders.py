@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
-from toponav.config import SettingsError
+from toponav.config import require
 
 # Settings in which the runs of one group may differ.
 _NOT_SETTINGS = ("seed", "resume")
@@ -60,19 +60,14 @@ def find_runs(folder: Path) -> list[Run]:
     Raises:
         SettingsError: if it is no folder or there is no run in it.
     """
-    if not folder.is_dir():
-        raise SettingsError(
-            f"folder must name the folder of a sweep or a run, got '{folder}'"
-        )
+    rule = "folder must name the folder of a sweep or a run"
+    require(folder.is_dir(), rule, f"'{folder}'")
     found = [
         _read_run(path.parent.parent)
         for path in folder.rglob("config/overrides.yaml")
         if path.with_name("hydra.yaml").is_file()
     ]
-    if not found:
-        raise SettingsError(
-            f"folder must hold runs of a recipe, got none in '{folder}'"
-        )
+    require(bool(found), "folder must hold runs of a recipe", f"none in '{folder}'")
     return sorted(found, key=lambda run: (sort_key(run.given.values()), run.seed))
 
 
