@@ -9,10 +9,6 @@ from toponav.plotting.curves import (
     draw_success as draw_success,
     draw_training as draw_training,
 )
-from toponav.plotting.frames import (
-    explored_frames as explored_frames,
-    navigated_frames as navigated_frames,
-)
 from toponav.plotting.maps import (
     draw_exploration as draw_exploration,
     draw_graph as draw_graph,
@@ -27,6 +23,8 @@ from toponav.plotting.sweeps import (
     draw_sweep as draw_sweep,
 )
 from toponav.plotting.video import (
+    explored_frames as explored_frames,
+    navigated_frames as navigated_frames,
     render_plan as render_plan,
     side_by_side as side_by_side,
     write_video as write_video,

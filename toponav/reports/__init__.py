@@ -11,13 +11,11 @@ from toponav.reports.exploration_report import (
     ExplorationReport as ExplorationReport,
     Timer as Timer,
 )
-from toponav.reports.navigation_evaluation import (
+from toponav.reports.navigation_report import (
     episode_table as episode_table,
     markdown_summary as markdown_summary,
     play_policies as play_policies,
     summary_row as summary_row,
-)
-from toponav.reports.navigation_pictures import (
     write_path as write_path,
     write_success as write_success,
     write_walk as write_walk,

@@ -11,18 +11,10 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from toponav import keys
 from toponav.builders import World, for_inference, make_walk_policy, seed_of
 from toponav.config import ExploreConfig
 from toponav.ground_truth import require_motion
-from toponav.keys import (
-    CELL,
-    COVERAGE,
-    DECISIONS_TO_COVERAGE,
-    HEADING,
-    IS_NEW_WAYPOINT,
-    POSITION,
-    SPURIOUS_WAYPOINT,
-)
 from toponav.metrics import trace_episode
 from toponav.plotting import FloorPlan, explored_frames, write_video
 from toponav.reports.episodes import play_episodes
@@ -36,19 +28,17 @@ from toponav.training import (
     mean_of,
 )
 
-# Apart from the seeds of training.
-_EVALUATION = 77
-# Decisions from frame to frame of a video.
-_EVERY = 6
+# Apart from the seeds of training; decisions from frame to frame of a video.
+_EVALUATION, _EVERY = 77, 6
 #: What is kept of each decision where it is there, for tables and pictures.
 _KEPT: list[NestedKey] = [
-    POSITION,
-    HEADING,
-    CELL,
-    COVERAGE,
-    DECISIONS_TO_COVERAGE,
-    IS_NEW_WAYPOINT,
-    SPURIOUS_WAYPOINT,
+    keys.POSITION,
+    keys.HEADING,
+    keys.CELL,
+    keys.COVERAGE,
+    keys.DECISIONS_TO_COVERAGE,
+    keys.IS_NEW_WAYPOINT,
+    keys.SPURIOUS_WAYPOINT,
 ]
 
 
@@ -70,10 +60,10 @@ class Evaluation:
         later = self.episodes.get("next")
         last = later[:, -1]
         table = pd.DataFrame({"policy": self.policy, "seed": range(len(later))})
-        if (coverage := last.get(COVERAGE, None)) is not None:
+        if (coverage := last.get(keys.COVERAGE, None)) is not None:
             table["coverage"] = coverage.flatten().tolist()
             names = [f"decisions_to_{round(100 * level)}" for level in COVERAGE_LEVELS]
-            table[names] = last.get(DECISIONS_TO_COVERAGE).tolist()
+            table[names] = last.get(keys.DECISIONS_TO_COVERAGE).tolist()
         table["intrinsic_return"] = later.get(self.reward_key).sum(1).flatten().tolist()
         rows: list[Row] = table.to_dict("records")
         return rows

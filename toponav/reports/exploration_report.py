@@ -25,8 +25,7 @@ _START = {"decisions": 0, "seconds": 0.0}
 class ExplorationReport:
     """Collects measurements, writes rows and pictures, and keeps the progress bar.
 
-    Rows are added to ``state``. The consumers write their files too; among them is the
-    log of finished episodes.
+    Rows are added to ``state``, and the consumers write their files too.
     """
 
     def __init__(

@@ -104,10 +104,8 @@ class ContinuedTraining(Consumer):
 class LocomotionFinetuner(Consumer):
     """Keeps embeddings and actions of an exploration, and trains the L-network's head.
 
-    A random walk says little about how to get anywhere: of four of its decisions
-    between two views most were for nothing. An explorer that has learned walks straight
-    on. The encoder stays as it is, so that a decision takes 0.5 kB and the head is
-    trained in minutes.
+    An explorer that has learned walks straight on, where most decisions of a random
+    walk are for nothing. The encoder stays as it is, so that a decision takes 0.5 kB.
 
     Args:
         settings: ``locomotion`` says how much to keep, and how to train.

@@ -11,23 +11,14 @@ BASELINES = ("random", "sticky")
 
 @dataclass
 class ExplorationState:
-    """Counters and tables of a run.
+    """Counters and tables of a run."""
 
-    Args:
-        decisions: learned from, over all environments.
-        seconds: of exploring; pre-training is not in it.
-        progress: how much of the run is over, in [0, 1].
-        versions: newest version that was published, by name.
-        history: rows of ``metrics.csv``.
-        evaluations: rows of ``evaluation.csv``.
-    """
-
-    decisions: int = 0
-    seconds: float = 0.0
-    progress: float = 0.0
-    versions: dict[str, int] = field(default_factory=dict)
-    history: list[Row] = field(default_factory=list)
-    evaluations: list[Row] = field(default_factory=list)
+    decisions: int = 0  # learned from, over all environments
+    seconds: float = 0.0  # of exploring; pre-training is not in it
+    progress: float = 0.0  # how much of the run is over, in [0, 1]
+    versions: dict[str, int] = field(default_factory=dict)  # newest published, by name
+    history: list[Row] = field(default_factory=list)  # rows of metrics.csv
+    evaluations: list[Row] = field(default_factory=list)  # rows of evaluation.csv
 
     def count(
         self, decisions: int, seconds: float, collect: ExploreCollectConfig

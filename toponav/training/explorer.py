@@ -27,17 +27,11 @@ COVERAGE_LEVELS = (0.5, 0.9, 1.0)
 
 @dataclass
 class Explorer:
-    """A policy, its reward method, and the TC-network if the run has one.
-
-    Args:
-        policy: acts.
-        reward: rewards it.
-        novelty: embeds views, for the policy and the map; ``None`` without networks.
-    """
+    """A policy, its reward method, and the TC-network if the run has one."""
 
     policy: ActorCritic
     reward: RewardMethod
-    novelty: Novelty | None
+    novelty: Novelty | None  # embeds views, for the policy and the map
 
     def modules(self) -> dict[str, nn.Module]:
         """All that collecting processes fetch, by the name it is published under."""

@@ -200,20 +200,15 @@ class MapTruth:
         """The map over the plan."""
         poses, edges = self.poses.values, topological_map.edges
         far = _FAR_CELLS * self._metric.cell_size
+        spurious = edge_lengths(self._metric, poses, edges) > far
+        cost = topological_map.edge_cost.amin(1)
         return draw_topological_map(
-            poses,
-            edges,
-            topological_map.edge_cost.amin(1),
-            edge_lengths(self._metric, poses, edges) > far,
-            plan=self._plan,
-            title=title,
+            poses, edges, cost, spurious, plan=self._plan, title=title
         )
 
     def state_dict(self) -> dict[str, Any]:
-        return {
-            "poses": self.poses.values,
-            "decisions_to_cover": self.decisions_to_cover,
-        }
+        cover = self.decisions_to_cover
+        return {"poses": self.poses.values, "decisions_to_cover": cover}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self.poses = WaypointPoses(state["poses"])
