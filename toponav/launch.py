@@ -9,7 +9,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from difflib import get_close_matches
 from itertools import chain
 from pathlib import Path
@@ -18,19 +18,31 @@ from typing import Any, TypeVar, get_type_hints
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from toponav.config import RECIPES, SettingsError, TrainingError
 from toponav.envs import EngineError
 from toponav.methods import METHODS, register
+from toponav.runs import alone_in, remove_unused
 
 Settings = TypeVar("Settings")
 
 _FAILED = 1
 _USAGE_ERROR = 2
+_REFUSALS = (HydraException, OmegaConfBaseException, SettingsError)
+_FAILURES = (EngineError, TrainingError)
 #: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
 _LONGEST_NAME = 200
+
+
+class _JobError(Exception):
+    """A job of a sweep ended with a sentence, which was printed."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__(status)
+        self.status = status
 
 
 def recipe(
@@ -55,9 +67,7 @@ def recipe(
         conf = Path(inspect.getfile(function)).resolve().parent.parent / "conf"
 
         def run(cfg: DictConfig) -> None:
-            with _one_sentence(name):
-                settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
-                function(settings, Path(HydraConfig.get().runtime.output_dir))
+            _run_job(name, function, cfg)
 
         def main() -> None:
             register()
@@ -84,6 +94,30 @@ def recipe(
         return main
 
     return decorate
+
+
+def _run_job(
+    name: str, function: Callable[[Settings, Path], None], cfg: DictConfig
+) -> None:
+    job = HydraConfig.get()
+    folder = Path(job.runtime.output_dir)
+    # A recipe without settings in its folder writes beside the runs of others.
+    own = None if job.output_subdir is None else folder / job.output_subdir
+    try:
+        settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+        with nullcontext() if own is None else alone_in(own):
+            function(settings, folder)
+    except (*_REFUSALS, *_FAILURES) as error:
+        refused = isinstance(error, _REFUSALS)
+        if refused and own is not None and not OmegaConf.select(cfg, "resume"):
+            remove_unused(folder, {own.name, f"{job.job.name}.log"})
+        if job.mode is not RunMode.MULTIRUN:
+            with _one_sentence(name):
+                raise
+        # Hydra goes on with the next job, and raises the first error at the end.
+        overrides = " ".join(job.overrides.task)
+        print(f"{name}: {_sentence(error, name)} ({overrides})", file=sys.stderr)  # noqa: T201
+        raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
 
 
 def folder_name(overrides: str) -> str:
@@ -155,16 +189,18 @@ def _one_sentence(name: str) -> Iterator[None]:
     """Say what is wrong with the settings or the engine, and end the process."""
     try:
         yield
-    except (HydraException, OmegaConfBaseException, SettingsError) as error:
+    except _JobError as error:
+        print(f"{name}: not all jobs of the sweep succeeded", file=sys.stderr)  # noqa: T201
+        sys.exit(error.status)
+    except (*_REFUSALS, *_FAILURES) as error:
         print(f"{name}: {_sentence(error, name)}", file=sys.stderr)  # noqa: T201
-        sys.exit(_USAGE_ERROR)
-    except (EngineError, TrainingError) as error:
-        print(f"{name}: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(_FAILED)
+        sys.exit(_USAGE_ERROR if isinstance(error, _REFUSALS) else _FAILED)
 
 
 def _sentence(error: Exception, name: str) -> str:
     """What must hold, what was given and the nearest valid choice."""
+    if isinstance(error, _FAILURES):
+        return str(error)
     refusal: BaseException | None = error
     while refusal is not None:
         if isinstance(refusal, SettingsError):

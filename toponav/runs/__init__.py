@@ -11,6 +11,7 @@ from toponav.runs.files import (
     write_history as write_history,
     write_text as write_text,
 )
+from toponav.runs.locks import alone_in as alone_in, remove_unused as remove_unused
 from toponav.runs.run_folders import (
     BrokenRunError as BrokenRunError,
     Exploration as Exploration,

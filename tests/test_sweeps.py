@@ -1,0 +1,52 @@
+"""What the launcher sees to, for every recipe: folders, locks, sweeps that go on."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+TOUR = Path(__file__).parent.parent / "recipes" / "tour.py"
+
+
+def tour(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(TOUR), *words, "scale=smoke", "maze=maze1"]
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=200, check=False
+    )
+
+
+@pytest.mark.slow
+def test_a_run_has_its_folder_to_itself(tmp_path: Path) -> None:
+    (tmp_path / "run" / "config").mkdir(parents=True)
+    with FileLock(tmp_path / "run" / "config" / ".lock"):
+        done = tour(tmp_path, "hydra.run.dir=run")
+    assert done.returncode == 2
+    assert done.stderr.strip() == (
+        "tour: a run must have its folder to itself, got one that another run is "
+        f"writing to: '{tmp_path}/run'"
+    )
+    done = tour(tmp_path, "hydra.run.dir=run")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_a_refused_run_leaves_nothing(tmp_path: Path) -> None:
+    done = tour(tmp_path, "video=avi")
+    assert done.returncode == 2, done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_sweep_goes_on_after_a_job_that_fails(tmp_path: Path) -> None:
+    done = tour(tmp_path, "-m", "video=avi,gif", "hydra.sweep.dir=sweep")
+    assert done.returncode == 2
+    lines = done.stderr.strip().splitlines()
+    (sentence,) = [line for line in lines if "must be" in line]
+    assert sentence.startswith("tour: video must be")
+    assert sentence.endswith("(video=avi tour=smoke maze=maze1)")
+    assert lines[-1] == "tour: not all jobs of the sweep succeeded"
+    assert "Traceback" not in done.stderr
+    (job,) = [path for path in (tmp_path / "sweep").iterdir() if path.is_dir()]
+    assert (job / "walk.gif").is_file()
