@@ -49,9 +49,11 @@ for name, policy in {"random": None, "swing": swing}.items():
     walk = env.rollout(199, policy)["next"]
     places = ((walk["observation"][:, 0] + 1.2) / 0.1).long().unique()
     waypoints = walk["num_waypoints"][-1].item()
-    paid = [walk[part].sum().item() for part in ("intrinsic_reward", "count_reward")]
+    reward, known = (
+        walk[part].sum().item() for part in ("intrinsic_reward", "count_reward")
+    )
     print(
         f"{name}: {len(places)} of 18 places, {waypoints} waypoints, "
-        f"intrinsic return {paid[0]:.1f} ({paid[1]:.1f} for known places), "
+        f"intrinsic return {reward:.1f} ({known:.1f} for known places), "
         f"task {walk['reward'].sum().item():.0f}"
     )

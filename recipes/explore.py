@@ -86,7 +86,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     if settings.resume:
         restore_exploration(folder, state, consumers)
 
-    # Blind baselines: what is to be beaten.
+    # Blind baselines: what exploring must beat.
     if not state.evaluations:
         baselines = make_baselines(world, seed=settings.seed)
         played = evaluate_policies(settings, world, explorer, baselines)
@@ -105,7 +105,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     with stop_requests() as stop:
         try:
             while state.progress < 1 and not stop.requested:
-                # Collect: what the others did with the policy of a moment ago.
+                # Collect: what the others did with a policy of a moment ago.
                 batch = next(batches)
                 seconds = time.monotonic() - started
                 state.count(batch.numel(), seconds, settings.collect)

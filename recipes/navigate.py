@@ -42,7 +42,7 @@ def main(settings: NavigateConfig, folder: Path) -> None:
     knowledge, truth = load_exploration(settings)
     places = make_goal_places(settings, knowledge, truth)
 
-    # The same episodes for all who play.
+    # All policies play the same episodes.
     policies = make_policies(settings, knowledge, truth)
     for sentence in warn_of_goals(settings, policies, places):
         print(sentence, file=sys.stderr)

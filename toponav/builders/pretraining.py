@@ -103,7 +103,7 @@ def pretraining_decisions(config: ExploreConfig) -> float:
             decisions += collected
             at = OmegaConf.select(entries, "init_from", default=None)
             continue
-        # An exploration: its networks may have learned on, and came from elsewhere.
+        # An exploration: its networks came from elsewhere, and may have trained more.
         if entries.online.learn:
             decisions += collected
         if (at := entries.pretrained) is None:

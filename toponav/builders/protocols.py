@@ -27,7 +27,7 @@ class World(Protocol):
     name: str
     spec: WorldSpec
     episode_length: int
-    #: The plan, for evaluation alone; ``None`` in a world that tells no ground truth.
+    #: The plan, for evaluation alone; ``None`` in a world without ground truth.
     layout: Layout | None
 
     def make_env(

@@ -59,7 +59,7 @@ class ExploreCollectConfig(Settings):
 
 @dataclass
 class OnlineConfig(Settings):
-    """Whether and how TC-network and L-network go on learning."""
+    """Whether and how TC-network and L-network continue training."""
 
     group = "online"
     learn: bool = MISSING

@@ -59,13 +59,13 @@ def trace_episode(
     def marked(key: NestedKey) -> Bools:
         return join(before.get(key, none[:1]), after.get(key, none)).astype(bool)[:, 0]
 
-    paid = after.get(reward, none).double()
+    rewards = after.get(reward, none).double()
     return EpisodeTrace(
         positions=observed(POSITION),
         headings=observed(HEADING)[:, 0],
         cells=join(before[CELL], after[CELL]),
-        # What came with the first observation was paid before this episode.
-        reward=join(none[:1], paid)[:, 0],
+        # A reward beside the first observation is of the episode before.
+        reward=join(none[:1], rewards)[:, 0],
         coverage=observed(COVERAGE)[:, 0],
         is_new_waypoint=marked(IS_NEW_WAYPOINT),
         spurious_waypoint=marked(SPURIOUS_WAYPOINT),

@@ -144,8 +144,8 @@ class PreviousReward(KeyedTransform):
 
     Examples:
         >>> from tensordict import TensorDict
-        >>> paid = TensorDict({"intrinsic_reward": torch.tensor([[0.2], [16.0]])}, [2])
-        >>> PreviousReward()._step(TensorDict(), paid)["previous_reward"].squeeze(-1)
+        >>> step = TensorDict({"intrinsic_reward": torch.tensor([[0.2], [16.0]])}, [2])
+        >>> PreviousReward()._step(TensorDict(), step)["previous_reward"].squeeze(-1)
         tensor([0.2000, 1.0000])
     """
 

@@ -147,5 +147,5 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         if self.counts.shape[1] >= num_slots:
             return
         for name in ["counts", "memory", *(["images"] if self.keep_images else [])]:
-            grown = grow_slots(getattr(self, name), num_slots, self.capacity)
-            setattr(self, name, grown)
+            larger = grow_slots(getattr(self, name), num_slots, self.capacity)
+            setattr(self, name, larger)

@@ -10,7 +10,7 @@ from toponav.envs.game import GameEngine
 ENGINES = {
     "vizdoom": "toponav.envs.engines.doom",
 }
-#: The engine of a `MazeEnv` that is told none, and of files that name none.
+#: The default engine of `MazeEnv`, and that of files that name none.
 DEFAULT_ENGINE = "vizdoom"
 
 

@@ -19,7 +19,7 @@ class GymWorldConfig(WorldConfig):
 
 
 class GymWorld:
-    """A Gymnasium environment: it tells no ground truth.
+    """A Gymnasium environment, without ground truth.
 
     Raises:
         SettingsError: if there is no such environment, it has no pixels, or its actions
