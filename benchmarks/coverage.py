@@ -72,7 +72,7 @@ def main() -> None:
             "uniform random": RandomPolicy(world.num_actions, seed=options.seed),
             "sticky random": StickyPolicy(
                 world.num_actions,
-                weights=forward_weights(world.actions),
+                weights=forward_weights(world),
                 seed=options.seed,
             ),
         }

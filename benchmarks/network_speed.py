@@ -4,7 +4,7 @@
 
 Three ratios, each beside the load average of the machine:
 
-- embed: ResNet-18 in bfloat16 on uint8 views of 160x120, its FLOP per second over
+- embed: ResNet-18 in bfloat16 on uint8 views, its FLOP per second over
   those of a large bfloat16 matrix product (the roof). Target 0.85.
 - compare: one view of each of 8 environments against 200 prepared waypoints, the FLOP
   of the split form over the same roof. Target 0.7.

@@ -75,7 +75,7 @@ def make_policies(world: World, seed: int) -> dict[str, TensorDictModuleBase]:
     spec, layout = world.spec, world.layout
     assert layout is not None  # a maze has a plan
     mask = torch.as_tensor(layout.open_mask)
-    forward, number = forward_weights(spec.actions), spec.num_actions
+    forward, number = forward_weights(spec), spec.num_actions
     turns = [float(name in ("left", "right")) for name in spec.actions]
     return {
         "expert": FrontierExpert(mask, world=spec, seed=seed),

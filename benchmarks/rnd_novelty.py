@@ -48,7 +48,7 @@ def collect_views(side: int, *, decisions: int, seed: int) -> tuple[Tensor, Tens
     )
     env = TransformedEnv(maze, PolicyPixels(size=(side, side)))
     env.append_transform(ExcludeTransform(PIXELS))
-    weights = forward_weights(maze.world.actions)
+    weights = forward_weights(maze.world)
     policy = StickyPolicy(maze.world.num_actions, weights=weights, seed=seed)
     try:
         frames = env.rollout(decisions, policy, break_when_any_done=False)["next"]

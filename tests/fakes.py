@@ -11,8 +11,10 @@ from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from toponav import keys
-from toponav.worlds import Motion, WorldSpec
+from toponav.worlds import Effect, Motion, WorldSpec
 
+# Four tics that turn 5 degrees and then move: the chord points 12.5 degrees aside.
+_CURVE = 33.1 * math.cos(math.radians(12.5)), 33.1 * math.sin(math.radians(12.5))
 #: Its world: the cells, the motion and the actions of the real one, small views.
 WORLD = WorldSpec(
     view_size=(4, 4),
@@ -20,8 +22,14 @@ WORLD = WorldSpec(
         *("forward", "backward", "left", "right"),
         *("forward+left", "forward+right"),
     ),
-    tics_per_decision=4,
-    motion=Motion(cell_size=128.0, step=33.1, turn=20.0),
+    motion=Motion(
+        cell_size=128.0,
+        effects=(
+            *(Effect(ahead=33.1), Effect(ahead=-33.1)),
+            *(Effect(turn=20.0), Effect(turn=-20.0)),
+            *(Effect(*_CURVE, turn=20.0), Effect(_CURVE[0], -_CURVE[1], turn=-20.0)),
+        ),
+    ),
     goal_reward=10.0,
 )
 CELL_SIZE = 128.0

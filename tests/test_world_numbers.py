@@ -5,6 +5,7 @@ settings name.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -31,8 +32,71 @@ FILES = [
 ]
 #: Words that stand for a number of a world, however they are written.
 NAMES = {field.name for kind in (WorldSpec, Motion) for field in fields(kind)}
-NAMES |= {"num_actions", "step_length", "turn_angle"}
+NAMES |= {"num_actions", "step", "turn", "step_length", "turn_angle", "tics"}
 SPEC = load_engine(DEFAULT_ENGINE).world
+assert SPEC.motion is not None
+#: Numbers that are rarely anything else, wherever they stand in code or settings.
+BARE = {*SPEC.view_size, SPEC.motion.cell_size, SPEC.motion.step}
+#: The same numbers that are something else, by file and, in settings, by key.
+ALLOWED = {
+    "benchmarks/coverage.py": "128 episodes",
+    "benchmarks/map_growth.py": "120 decisions",
+    "toponav/builders/watch.py": "120 letters of a message",
+    "toponav/ground_truth/goal_places.py": "1/128 cell, a weight, not in map units",
+    "toponav/launch.py": "128 + signal: the exit status",
+    "toponav/metrics/tc_report.py": "120 degrees between two headings",
+    "toponav/modules/encoders.py": "128 channels",
+    "toponav/modules/pair_networks.py": "128 features of a projection",
+    "toponav/plotting/style.py": "120 dots per inch",
+    "toponav/plotting/video.py": "160: grey",
+    "toponav/runs/stop_requests.py": "128 + signal: the exit status",
+    "conf/explore/laptop.yaml": "seconds between pictures and checkpoints",
+    "conf/model/resnet18.yaml": "128 features of a projection",
+    "conf/model/small.yaml": "128 features of a projection",
+    "conf/pretrain/laptop.yaml": "seconds between checkpoints",
+    "conf/pretrain/smoke.yaml": "decisions in a batch and an episode",
+    "conf/scale/smoke.yaml": "128 pairs per update",
+}
+SETTINGS = sorted((ROOT / "conf").rglob("*.yaml"))
+_BYTES = SPEC.view_size[0] * SPEC.view_size[1] * 3
+
+
+def _near(numbers: str, words: str) -> str:
+    """Such a number up to two words before or after such a word."""
+    gap, number = r"\W+(?:[a-z]\w*\W+){0,2}", rf"(?<![\w.])(?:{numbers})(?![\w.]\d)\b"
+    return rf"{number}{gap}\b(?:{words})\b|\b(?:{words})\b{gap}{number}"
+
+
+#: What comments and docstrings may not say.
+SENTENCES = {
+    "the size of a view": r"\b{} ?x ?{}\b|\b{} ?x ?{}\b".format(
+        *SPEC.view_size, *reversed(SPEC.view_size)
+    ),
+    "the bytes of a view": rf"\b({round(_BYTES / 1e3)}|{round(_BYTES / 4e3)}) kB",
+    "the tics of a decision": _near("4|four", "tics?"),
+    "the reward of a goal": _near(f"{SPEC.goal_reward:g}|ten", "rewards?"),
+    "the reward of an apple": rf"\bapples?\b.*\breward {SPEC.apple_reward:g}\b",
+}
+
+
+def sentences(source: str) -> list[str]:
+    """What the text of a source says of a world, comments and docstrings included."""
+    return [
+        f"{number} says {what}"
+        for number, line in enumerate(source.splitlines(), start=1)
+        for what, pattern in SENTENCES.items()
+        if re.search(pattern, line, re.IGNORECASE)
+    ]
+
+
+def names_actions(node: ast.AST) -> bool:
+    """Whether it lists more actions of the engine than left and right."""
+    if isinstance(node, ast.Dict):
+        items = [key for key in node.keys if key is not None]
+    else:
+        items = node.elts if isinstance(node, ast.Tuple | ast.List | ast.Set) else []
+    names = {item.value for item in items if isinstance(item, ast.Constant)}
+    return len(names & {*SPEC.actions}) > 1 and names != {"left", "right"}
 
 
 def constants(node: ast.AST | None) -> list[object]:
@@ -70,8 +134,11 @@ def copied_numbers(source: str) -> list[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and node.value in ENGINES:
             found.append(f"{node.lineno} names the engine {node.value}")
-        elif isinstance(node, ast.Tuple) and constants(node) == [*SPEC.view_size]:
-            found.append(f"{node.lineno} has the size of a view")
+        elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            if node.value in BARE:
+                found.append(f"{node.lineno} has the bare number {node.value}")
+        elif names_actions(node):
+            found.append(f"{getattr(node, 'lineno', 0)} names actions")
         elif isinstance(node, ast.ImportFrom | ast.Import):
             names = [getattr(node, "module", None) or "", *(a.name for a in node.names)]
             if any(name.startswith("toponav.envs.engines.") for name in names):
@@ -80,12 +147,33 @@ def copied_numbers(source: str) -> list[str]:
         plain = name.split(".")[-1].lower().strip("_")
         if plain in NAMES and constants(value):
             found.append(f"{line} sets {plain} to {ast.unparse(value or tree)}")
+    return found + sentences(source)
+
+
+def copied_settings(source: str) -> list[str]:
+    """What a YAML file holds of a world by value, one sentence each."""
+    found = sentences(source)
+    for number, line in enumerate(source.splitlines(), start=1):
+        key, _, value = line.partition("#")[0].partition(":")
+        values = {float(one) for one in re.findall(r"(?<![\w.])\d+\.?\d*\b", value)}
+        if values & BARE:
+            found.append(f"{number} has the bare number {value.strip()}")
+        if key.strip() in NAMES - {"view_size"} and values:
+            found.append(f"{number} sets {key.strip()} to {value.strip()}")
     return found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "path", FILES + SETTINGS, ids=lambda path: str(path.relative_to(ROOT))
+)
 def test_no_number_of_a_world_is_copied(path: Path) -> None:
-    assert copied_numbers(path.read_text(encoding="utf-8")) == []
+    look = copied_settings if path in SETTINGS else copied_numbers
+    found = look(path.read_text(encoding="utf-8"))
+    if str(path.relative_to(ROOT)) in ALLOWED:
+        others = [text for text in found if "bare number" not in text]
+        assert found, "it needs no place in ALLOWED"
+        found = others
+    assert found == []
 
 
 def test_the_rule_is_seen_to_fail() -> None:
@@ -97,6 +185,25 @@ def test_the_rule_is_seen_to_fail() -> None:
         "def make(*, goal_reward=10.0): ...",
         "self._turn = 20.0",
         'WorldSpec(view_size=(64, 64), actions=("left", "right"))',
+        "cells = position / 128",
+        "distance = 33.1 * decisions",
+        "view[:, :, :160]",
+        "height = 120.0",
+        'STEERED_BY = ("forward", "left", "right")',
+        'EFFECTS = {"forward": 1.0, "backward": -1.0}',
+        "wait()  # one decision is four engine tics",
+        "# Pays a reward of 10 for each.",
+        '"""Views of 120 x 160 pixels."""',
     ):
         assert copied_numbers(source), source
+    for source in (
+        "# Apples: reward 1 each, gone when touched.",
+        "# A frame takes 58 kB, or 14 kB for halved ones.",
+        "size: [120, 160]",
+        "turn: 20",
+        "cell: 128.0  # map units",
+    ):
+        assert copied_settings(source), source
     assert not copied_numbers("make(engine=config.engine, goal_reward=None)")
+    assert not copied_numbers("# Rewards of 0.1 and 100, 1.5 of a reward, 40 tics")
+    assert not copied_settings("episode_length: 1200  # decisions")

@@ -1,15 +1,33 @@
 """`WorldSpec`: what the other rooms must know of a world; ask it, copy nothing."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Effect(NamedTuple):
+    """Where a decision leads in free space, seen from where the agent stood."""
+
+    ahead: float = 0.0  # map units
+    left: float = 0.0  # map units
+    turn: float = 0.0  # degrees to the left
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What one decision does to a pose, in a world that reports poses."""
+    """What decisions do to a pose, in a world that reports poses."""
 
     cell_size: float  # side of a cell in map units
-    step: float  # map units moved in one forward decision
-    turn: float  # degrees turned in one turning decision
+    effects: tuple[Effect, ...]  # of each action
+
+    @property
+    def step(self) -> float:
+        """Map units that the fastest action goes ahead."""
+        return max(effect.ahead for effect in self.effects)
+
+    @property
+    def turn(self) -> float:
+        """Degrees that the fastest action turns; all round if none turns."""
+        return max(abs(effect.turn) for effect in self.effects) or 360.0
 
     @property
     def decisions_per_cell(self) -> float:
@@ -32,10 +50,15 @@ class WorldSpec:
 
     view_size: tuple[int, int]  # height and width in pixels
     actions: tuple[str, ...]  # the name of each, in the order of their numbers
-    tics_per_decision: int = 1  # of the engine, for which an action is held
     motion: Motion | None = None  # none in a world without ground truth
     goal_reward: float | None = None  # for reaching a goal; none without goals
     apple_reward: float | None = None  # none without apples
+
+    def __post_init__(self) -> None:
+        actions, motion = len(self.actions), self.motion
+        if motion and len(motion.effects) != actions:
+            number = len(motion.effects)
+            raise ValueError(f"effects must be one of each action, got {number}")
 
     @property
     def num_actions(self) -> int:

@@ -10,15 +10,17 @@ from toponav.envs import EngineError, EngineLostError, Layout
 from toponav.envs.depth import DepthCaster
 from toponav.envs.game import Camera, GameEngine, Look
 from toponav.envs.scene import Pose, Scene
-from toponav.worlds import Motion, WorldSpec
+from toponav.worlds import Effect, Motion, WorldSpec
 
 _CELL, _STEP, _TURN = 10.0, 2.5, 30.0
 _RADIUS, _REACH = 1.0, 3.0
 WORLD = WorldSpec(
     view_size=(24, 36),
     actions=("ahead", "left", "right"),
-    tics_per_decision=2,
-    motion=Motion(cell_size=_CELL, step=_STEP, turn=_TURN),
+    motion=Motion(
+        cell_size=_CELL,
+        effects=(Effect(ahead=_STEP), Effect(turn=_TURN), Effect(turn=-_TURN)),
+    ),
     goal_reward=5.0,
     apple_reward=0.5,
 )

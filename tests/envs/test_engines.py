@@ -60,17 +60,17 @@ class TestEveryEngine:
         assert motion is not None
         try:
             data = env.reset()
-            turns = {"left": motion.turn, "right": -motion.turn}
-            for name, turn in turns.items():
-                action = torch.full((8,), env.world.actions.index(name))
+            for number, effect in enumerate(motion.effects):
+                action = torch.full((8,), number)
                 data = env.step(data.set("action", action))["next"]
-                expected = torch.full((8,), turn)
+                expected = torch.full((8,), effect.turn)
                 torch.testing.assert_close(
                     data[keys.VELOCITY][:, 3], expected, atol=0.05, rtol=0
                 )
-            speeds = []
+            fastest = max(range(len(motion.effects)), key=motion.effects.__getitem__)
+            ahead, speeds = torch.full((8,), fastest), []
             for _ in range(5):
-                data = env.step(data.set("action", torch.zeros(8).long()))["next"]
+                data = env.step(data.set("action", ahead))["next"]
                 speeds.append(data[keys.VELOCITY][:, :2].norm(dim=-1))
             # Somebody has room enough to reach full speed.
             assert torch.stack(speeds).max() == pytest.approx(motion.step, rel=0.005)
@@ -105,7 +105,7 @@ class TestEveryEngine:
         try:
             data = env.reset()
             env.set_slot("a", closed=True, rows=[1])
-            action = torch.full((2,), env.world.actions.index("left"))
+            action = torch.full((2,), env.world.num_actions - 1)
             data = env.step(data.set("action", action))["next"]
             assert data[keys.BLOCKED].tolist() == [[False], [True]]
             with pytest.raises(ValueError, match=r"slots of gate \(a\), got 'q'"):

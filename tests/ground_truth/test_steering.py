@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 from tests.fakes import WORLD
 from toponav.ground_truth import Steering, bearing, cell_centres, wrap_degrees
 from toponav.ground_truth.steering import point_ahead
+from toponav.worlds import Effect
 
 
 def test_row_0_is_in_the_north():
@@ -49,18 +50,29 @@ def test_action_for_each_angle(off, action):
     assert WORLD.actions[found.item()] == action
 
 
-def test_actions_are_looked_up_by_name_in_any_order():
-    shuffled = replace(WORLD, actions=(*reversed(WORLD.actions), "shoot"))
-    found = Steering(shuffled).towards(torch.tensor([0.0, 30.0, -90.0]))
-    names = [shuffled.actions[number] for number in found]
-    assert names == ["forward", "forward+left", "right"]
+def world_of(*effects):
+    motion = replace(WORLD.motion, effects=effects)
+    names = tuple(f"action {number}" for number in range(len(effects)))
+    return replace(WORLD, actions=names, motion=motion)
+
+
+def test_actions_are_looked_up_by_effect_in_any_order():
+    world = world_of(Effect(), *reversed(WORLD.motion.effects))
+    found = Steering(world).towards(torch.tensor([0.0, 30.0, -90.0, 90.0]))
+    assert found.tolist() == [6, 2, 3, 4]
+
+
+def test_turns_on_the_spot_and_on_the_way_stand_in_for_each_other():
+    world = world_of(Effect(turn=-20), Effect(5.0), Effect(4.0, 1.0, turn=20))
+    found = Steering(world).towards(torch.tensor([0.0, 30.0, 90.0, -30.0, -90.0]))
+    assert found.tolist() == [1, 2, 2, 0, 0]
 
 
 def test_worlds_without_poses_or_actions_are_refused():
     with pytest.raises(ValueError, match="world must report poses"):
         Steering(replace(WORLD, motion=None))
-    with pytest.raises(ValueError, match=r"must have the actions forward, .* got up"):
-        Steering(replace(WORLD, actions=("up", "down")))
+    with pytest.raises(ValueError, match=r"turn to both sides, got action 0, action"):
+        Steering(world_of(Effect(5.0), Effect(turn=20.0)))
 
 
 @pytest.mark.parametrize(

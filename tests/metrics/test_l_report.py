@@ -9,6 +9,7 @@ import torch
 from tests.fakes import WORLD
 from toponav.metrics import bayes_bound, l_report, useful_actions
 from toponav.metrics.l_report import move
+from toponav.worlds import Effect, Motion
 
 
 def test_bound_by_hand():
@@ -185,22 +186,22 @@ def test_bad_pairs_are_refused():
 def test_other_worlds_move_otherwise():
     world = replace(
         WORLD,
-        actions=("left", "forward"),
-        tics_per_decision=1,
-        motion=replace(WORLD.motion, step=10.0, turn=90.0),
+        actions=("spin", "ahead", "hop"),
+        motion=Motion(
+            cell_size=10, effects=(Effect(turn=90.0), Effect(10.0), Effect(left=3.0))
+        ),
     )
-    position, heading = move(torch.zeros(2), torch.tensor(0.0), world=world)
-    assert position.tolist() == [[0, 0], [10, 0]]
-    assert heading.tolist() == [90, 0]
+    position, heading = move(torch.zeros(2), torch.tensor(90.0), world=world)
+    expected = torch.tensor([[0.0, 0.0], [0.0, 10.0], [-3.0, 0.0]])
+    torch.testing.assert_close(position, expected)
+    assert heading.tolist() == [180, 90, 90]
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"motion": None}, "world must report poses"),
-        ({"actions": ("forward", "jump")}, "actions among forward, .* got jump"),
-    ],
-)
-def test_worlds_without_poses_or_known_actions_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        move(torch.zeros(2), torch.tensor(0.0), world=replace(WORLD, **change))
+def test_worlds_without_poses_are_refused():
+    with pytest.raises(ValueError, match="world must report poses"):
+        move(torch.zeros(2), torch.tensor(0.0), world=replace(WORLD, motion=None))
+
+
+def test_every_action_has_an_effect():
+    with pytest.raises(ValueError, match="one of each action, got 6"):
+        replace(WORLD, actions=("forward", "jump"))

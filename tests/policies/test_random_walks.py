@@ -3,6 +3,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import GymEnv
 
+from tests.envs import fake_engine
 from tests.fakes import WORLD
 from toponav.keys import ACTION
 from toponav.policies import RandomPolicy, StickyPolicy, forward_weights
@@ -81,5 +82,5 @@ def test_they_act_in_any_env_with_categorical_actions(make):
 
 
 def test_actions_that_move_ahead_weigh_more():
-    assert forward_weights(WORLD.actions) == (3.0, 1.0, 1.0, 1.0, 1.5, 1.5)
-    assert forward_weights(["up", "down"]) == (1.0, 1.0)
+    assert forward_weights(WORLD) == (3.0, 1.0, 1.0, 1.0, 1.5, 1.5)
+    assert forward_weights(fake_engine.WORLD) == (3.0, 1.0, 1.0)

@@ -53,7 +53,7 @@ def add_walk_transforms(env: EnvBase, *, halve: bool) -> EnvBase:
 def make_walk_policy(kind: str, world: WorldSpec, *, seed: int) -> TensorDictModuleBase:
     """A random policy: ``uniform``, or ``sticky``, which favours moving forward."""
     if kind == "sticky":
-        weights = forward_weights(world.actions)
+        weights = forward_weights(world)
         return StickyPolicy(world.num_actions, weights=weights, seed=seed)
     return RandomPolicy(world.num_actions, seed=seed)
 

@@ -9,7 +9,6 @@ from toponav.ground_truth.distances import (
 from toponav.ground_truth.goal_places import pick_goal_views as pick_goal_views
 from toponav.ground_truth.routes import UNREACHABLE as UNREACHABLE, Routes as Routes
 from toponav.ground_truth.steering import (
-    EFFECTS as EFFECTS,
     Steering as Steering,
     bearing as bearing,
     require_motion as require_motion,

@@ -187,7 +187,9 @@ def pair_truth(
         >>> distances = GroundTruthDistances(torch.ones(1, 4).bool(), cell_size=10)
         >>> here, there = torch.tensor([[5.0, 5.0]]), torch.tensor([[10.0, 5.0]])
         >>> headings = (torch.tensor([350.0]), torch.tensor([30.0]))
-        >>> motion = Motion(cell_size=10, step=2.5, turn=20)
+        >>> from toponav.worlds import Effect
+        >>> effects = Effect(ahead=2.5), Effect(turn=20)
+        >>> motion = Motion(cell_size=10, effects=effects)
         >>> pair_truth(distances, (here, there), headings, motion=motion).decisions
         tensor([4.])
     """

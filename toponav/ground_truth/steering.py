@@ -1,20 +1,10 @@
-"""Actions by name: what they do to a pose, and which one follows a path."""
+"""Which actions follow a path, by what they do to a pose."""
 
 import torch
 from torch import Tensor
 
 from toponav.worlds import Motion, WorldSpec
 
-#: Steps ahead and turns to the left of the actions that ground truth understands.
-EFFECTS = {
-    "forward": (1.0, 0.0),
-    "backward": (-1.0, 0.0),
-    "left": (0.0, 1.0),
-    "right": (0.0, -1.0),
-    "forward+left": (1.0, 1.0),
-    "forward+right": (1.0, -1.0),
-}
-_STEERED_BY = ("forward", "left", "right", "forward+left", "forward+right")
 #: Cells along the path at which an agent aims; above 1.4 the line to that point may
 #: cross a wall.
 _LOOKAHEAD = 1.25
@@ -59,21 +49,34 @@ def point_ahead(
 class Steering:
     """Chooses the actions that follow a path in a world, cutting its corners.
 
-    The world must report poses; its actions are looked up by name.
+    The world must report poses, and its actions go ahead and turn to both sides;
+    one that turns on the spot and one that turns on the way stand in for each other.
 
     Examples:
-        >>> motion = Motion(cell_size=10, step=2.5, turn=20)
-        >>> world = WorldSpec(view_size=(1, 1), actions=tuple(EFFECTS), motion=motion)
+        >>> from toponav.worlds import Effect
+        >>> effects = Effect(ahead=2.5), Effect(turn=20), Effect(turn=-20)
+        >>> motion = Motion(cell_size=10, effects=effects)
+        >>> world = WorldSpec(view_size=(1, 1), actions=(*"alr",), motion=motion)
         >>> Steering(world).towards(torch.tensor([3.0, 30.0, -30.0, 120.0]))
-        tensor([0, 4, 5, 2])
+        tensor([0, 1, 2, 1])
     """
 
     def __init__(self, world: WorldSpec) -> None:
         self.motion = require_motion(world)
-        if not set(_STEERED_BY) <= set(world.actions):
-            wanted, got = ", ".join(_STEERED_BY), ", ".join(world.actions)
-            raise ValueError(f"world must have the actions {wanted}, got {got}")
-        self.actions = {name: world.actions.index(name) for name in _STEERED_BY}
+        # By whether it goes ahead or stays, and turns right (-1), not, or left (1).
+        first: dict[tuple[bool, int], int] = {}
+        for number, (ahead, left, turn) in enumerate(self.motion.effects):
+            if ahead > 0 or ahead == left == 0:
+                first.setdefault((ahead > 0, (turn > 0) - (turn < 0)), number)
+        if (True, 0) not in first or {side for _, side in first} != {-1, 0, 1}:
+            got = ", ".join(world.actions)
+            rule = "world must have actions that go ahead and turn to both sides"
+            raise ValueError(f"{rule}, got {got}")
+        self.ahead = first[True, 0]
+        first = {(not on, side): it for (on, side), it in first.items()} | first
+        # Row: on the spot or on the way; column: to the right or to the left.
+        order = [[first[on, side] for side in (-1, 1)] for on in (False, True)]
+        self.turns = torch.tensor(order)
 
     def __call__(self, path: Tensor, position: Tensor, heading: Tensor) -> Tensor:
         """The actions ``[B]`` that follow paths of cell centres, the own cell first."""
@@ -83,8 +86,5 @@ class Steering:
 
     def towards(self, off: Tensor) -> Tensor:
         """The actions that turn left by ``off`` degrees, int64 ``[B]``."""
-        number, left = self.actions, off > 0
-        moving = torch.where(left, number["forward+left"], number["forward+right"])
-        on_the_spot = torch.where(left, number["left"], number["right"])
-        action = torch.where(off.abs() <= _WIDEST, moving, on_the_spot)
-        return action.masked_fill(off.abs() <= self.motion.turn / 2, number["forward"])
+        action = self.turns[(off.abs() <= _WIDEST).long(), (off > 0).long()]
+        return action.masked_fill(off.abs() <= self.motion.turn / 2, self.ahead)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from toponav.ground_truth import EFFECTS, require_motion, wrap_degrees
+from toponav.ground_truth import require_motion, wrap_degrees
 from toponav.worlds import Motion, WorldSpec
 
 #: Cells within which two poses are the same, up to rounding.
@@ -17,21 +17,15 @@ def move(
 ) -> tuple[Tensor, Tensor]:
     """Poses after each of the A actions, in free space: ``[*B, A, 2]``, ``[*B, A]``.
 
-    In each of the T tics of a decision an agent turns first and then moves, so its path
-    is an arc whose chord points (T + 1) / 2T of the turn aside. The world must have
-    ground truth and actions that have known effects.
+    The world must have ground truth.
     """
-    motion = require_motion(world)
-    unknown = set(world.actions) - set(EFFECTS)
-    if unknown:
-        known, got = ", ".join(EFFECTS), ", ".join(sorted(unknown))
-        raise ValueError(f"world must have actions among {known}, got {got}")
-    effects = torch.tensor([EFFECTS[name] for name in world.actions]).to(position)
-    step, turn = motion.step * effects[:, 0], motion.turn * effects[:, 1]
-    tics = world.tics_per_decision
-    chord = (heading.unsqueeze(-1) + (tics + 1) / (2 * tics) * turn).deg2rad()
-    offset = torch.stack([chord.cos(), chord.sin()], -1) * step.unsqueeze(-1)
-    return position.unsqueeze(-2) + offset, heading.unsqueeze(-1) + turn
+    effects = position.new_tensor(require_motion(world).effects)
+    ahead, left, turn = effects.unbind(-1)
+    angle = heading.unsqueeze(-1).deg2rad()
+    x = ahead * angle.cos() - left * angle.sin()
+    y = ahead * angle.sin() + left * angle.cos()
+    moved = position.unsqueeze(-2) + torch.stack([x, y], -1)
+    return moved, heading.unsqueeze(-1) + turn
 
 
 def useful_actions(
@@ -47,9 +41,10 @@ def useful_actions(
     ``headings`` ``[P]`` in degrees are those of the views and of the targets.
 
     Examples:
-        >>> motion = Motion(cell_size=10.0, step=2.5, turn=20.0)
-        >>> actions = ("forward", "backward", "left")
-        >>> world = WorldSpec(view_size=(1, 1), actions=actions, motion=motion)
+        >>> from toponav.worlds import Effect
+        >>> effects = Effect(ahead=2.5), Effect(ahead=-2.5), Effect(turn=20.0)
+        >>> motion = Motion(cell_size=10.0, effects=effects)
+        >>> world = WorldSpec(view_size=(1, 1), actions=(*"abl",), motion=motion)
         >>> ahead = (torch.tensor([[0.0, 0.0]]), torch.tensor([[9.0, 0.0]]))
         >>> useful_actions(ahead, (torch.zeros(1), torch.zeros(1)), world=world).int()
         tensor([[1, 0, 0]], dtype=torch.int32)
@@ -140,9 +135,11 @@ def bayes_bound(
     and .71: its 91 to 95 % cannot be the first of up to four random actions.
 
     Examples:
-        >>> motion = Motion(cell_size=10.0, step=2.5, turn=20.0)
-        >>> actions = ("forward", "backward", "left", "right")
-        >>> world = WorldSpec(view_size=(1, 1), actions=actions, motion=motion)
+        >>> from toponav.worlds import Effect
+        >>> effects = [Effect(ahead=step) for step in (2.5, -2.5)]
+        >>> effects += [Effect(turn=turn) for turn in (20.0, -20.0)]
+        >>> motion = Motion(cell_size=10.0, effects=tuple(effects))
+        >>> world = WorldSpec(view_size=(1, 1), actions=(*"ablr",), motion=motion)
         >>> bayes_bound(2, world=world)  # 4 of 16 sequences return, 1 of 4 guessed
         tensor([1.0000, 0.8125], dtype=torch.float64)
     """

@@ -29,7 +29,7 @@ def box_downsample(pixels: Tensor, dtype: torch.dtype) -> Tensor:
 class SmallEncoder(nn.Module):
     """Embed full views, or views halved by `AreaDownsample`, with four convolutions.
 
-    21.7 MFLOP for a view of 160x120, against 1430 for ResNet-18.
+    21.7 MFLOP for a view of the paper's size, against 1430 for ResNet-18.
 
     Args:
         embedding_dim: length D of the embedding.

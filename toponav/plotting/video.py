@@ -26,7 +26,6 @@ _SUPERSAMPLING = 2
 _DPI = 100
 _FONT = ImageFont.load_default(12)
 _STRIP, _BAR, _GAP = 26, 70, 8
-_NOTHING = np.full((3, 4, 3), 160, np.uint8)
 
 
 def render_plan(
@@ -276,10 +275,11 @@ def navigated_frames(
     plans = render_plan(plan, positions, headings, height=height)
     small = (height - _GAP) // 2
     goal_panel = _named_panel(goal, small, "goal")
+    nothing = np.full_like(goal, 160, np.uint8)
     gap = np.full((height - 2 * small, goal_panel.shape[1], 3), 255, np.uint8)
     panels = (
-        np.concatenate([_named_panel(target, small, "walks to"), gap, goal_panel])
-        for target in targets
+        np.concatenate([_named_panel(view, small, "walks to"), gap, goal_panel])
+        for view in (nothing if target is None else target for target in targets)
     )
     frames = side_by_side(views, panels, plans, gap=_GAP)
     for frame, text in zip(frames, captions, strict=True):
@@ -288,9 +288,9 @@ def navigated_frames(
         yield np.concatenate([frame, np.asarray(strip)])
 
 
-def _named_panel(view: ArrayLike | None, height: int, name: str) -> Frame:
-    """A view with its name on it; grey without one."""
-    panel = Image.fromarray(enlarge(_NOTHING if view is None else view, height))
+def _named_panel(view: ArrayLike, height: int, name: str) -> Frame:
+    """A view with its name on it."""
+    panel = Image.fromarray(enlarge(view, height))
     pen = ImageDraw.Draw(panel)
     pen.rectangle((0, 0, pen.textlength(name, _FONT) + 8, 18), fill="white")
     pen.text((4, 1), name, INK, _FONT)

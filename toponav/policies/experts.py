@@ -71,16 +71,16 @@ class PathFollower(_Expert):
 
     Args:
         open_mask: bool ``[rows, cols]``, true where the layout has floor.
-        world: must report poses and have the actions that `Steering` needs.
+        world: must report poses and have actions that `Steering` can use.
         slot_cells: row and column of each slot, in the order of ``blocked``.
         seed: of the random actions.
 
     Examples:
         >>> from tensordict import TensorDict
-        >>> from toponav.ground_truth import EFFECTS
-        >>> from toponav.worlds import Motion
-        >>> motion = Motion(cell_size=10, step=2.5, turn=20)
-        >>> world = WorldSpec(view_size=(1, 1), actions=tuple(EFFECTS), motion=motion)
+        >>> from toponav.worlds import Effect, Motion
+        >>> effects = Effect(ahead=2.5), Effect(turn=20), Effect(turn=-20)
+        >>> motion = Motion(cell_size=10, effects=effects)
+        >>> world = WorldSpec(view_size=(1, 1), actions=(*"alr",), motion=motion)
         >>> expert = PathFollower(torch.ones(1, 3, dtype=torch.bool), world=world)
         >>> pose = {POSITION: [5.0, 5.0], HEADING: [0.0], CELL: [0, 0]}
         >>> data = TensorDict({**pose, GOAL_CELL: [0, 2]})

@@ -7,18 +7,22 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
 from toponav.keys import ACTION
+from toponav.worlds import WorldSpec
 
-_WEIGHTS = {"forward": 3.0, "forward+left": 1.5, "forward+right": 1.5}
 
-
-def forward_weights(actions: Sequence[str]) -> tuple[float, ...]:
-    """Weights of a `StickyPolicy` that favour actions, by name, that move ahead.
+def forward_weights(world: WorldSpec) -> tuple[float, ...]:
+    """Weights of a `StickyPolicy` that favour actions that go ahead, where it is known.
 
     Examples:
-        >>> forward_weights(["forward", "left", "right"])
-        (3.0, 1.0, 1.0)
+        >>> forward_weights(WorldSpec(view_size=(64, 64), actions=("up", "down")))
+        (1.0, 1.0)
     """
-    return tuple(_WEIGHTS.get(name, 1.0) for name in actions)
+    if world.motion is None:
+        return (1.0,) * world.num_actions
+    return tuple(
+        1.0 if effect.ahead <= 0 else 1.5 if effect.turn else 3.0
+        for effect in world.motion.effects
+    )
 
 
 class RandomPolicy(TensorDictModuleBase):

@@ -1,7 +1,9 @@
 """The numbers of the mazes on ViZDoom; nobody else holds them."""
 
+import math
+
 from toponav.envs.game import Camera
-from toponav.worlds import Motion, WorldSpec
+from toponav.worlds import Effect, Motion, WorldSpec
 
 TICS_PER_DECISION = 4
 #: Map units of a cell's side, of a decision forward at full speed (the first one after
@@ -28,11 +30,23 @@ ACTIONS = {
     "forward+right": (1.0, 0.0, _TURN_PER_TIC),
 }
 
+
+def _effect(forward: float, backward: float, right: float) -> Effect:
+    # In each tic the agent turns first and then moves: its path is an arc, whose chord
+    # points aside by so much of the turn.
+    turn = -right * TICS_PER_DECISION
+    chord = math.radians((TICS_PER_DECISION + 1) / (2 * TICS_PER_DECISION) * turn)
+    step = STEP_LENGTH * (forward - backward)
+    return Effect(step * math.cos(chord), step * math.sin(chord), turn)
+
+
 WORLD = WorldSpec(
     view_size=(120, 160),
     actions=tuple(ACTIONS),
-    tics_per_decision=TICS_PER_DECISION,
-    motion=Motion(cell_size=CELL_SIZE, step=STEP_LENGTH, turn=TURN_ANGLE),
+    motion=Motion(
+        cell_size=CELL_SIZE,
+        effects=tuple(_effect(*held) for held in ACTIONS.values()),
+    ),
     goal_reward=GOAL_REWARD,
     apple_reward=APPLE_REWARD,
 )
