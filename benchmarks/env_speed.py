@@ -27,26 +27,24 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase, GymEnv, ParallelEnv
 
-from toponav.envs import MazeEnv, load_maze
-from toponav.envs.engines.doom.game import MazeGame
-from toponav.envs.engines.doom.spec import ACTIONS, CELL_SIZE, TICS_PER_DECISION
-from toponav.envs.scene import SceneRules, draw_scene
+from toponav.envs import MazeEnv, SceneRules, draw_scene, load_maze
+from toponav.envs.engines.doom import ACTIONS, WORLD, MazeGame
 
 BUTTONS = [list(buttons) for buttons in ACTIONS.values()]
 
 
 def bare_stepper(size: int) -> tuple[Callable[[list[int]], object], Callable[[], None]]:
     """A lock-step pool over bare engines, and what ends it."""
-    layout = load_maze("maze1")
+    layout, cell_size = load_maze("maze1"), WORLD.motion.cell_size
     games = [MazeGame(layout) for _ in range(size)]
     generator = np.random.default_rng(0)
     for game in games:
-        game.reset(draw_scene(layout, SceneRules(), generator, cell_size=CELL_SIZE))
+        game.reset(draw_scene(layout, SceneRules(), generator, cell_size=cell_size))
     pool = ThreadPoolExecutor(size)
 
     def step_one(game: MazeGame, action: int) -> object:
         engine = game.engine.game
-        engine.make_action(BUTTONS[action], TICS_PER_DECISION)
+        engine.make_action(BUTTONS[action], WORLD.tics_per_decision)
         return engine.get_state().screen_buffer
 
     def step(actions: list[int]) -> object:

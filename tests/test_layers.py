@@ -2,7 +2,8 @@
 
 The floors of the house are listed from the ground up in `FLOORS`. A room imports rooms
 on lower floors, by their faces (``from toponav.graph import TopologicalMap``, not
-``from toponav.graph.topological_map import ...``), and itself. Nobody imports a recipe.
+``from toponav.graph.topological_map import ...``), and itself. Rooms inside a room have
+faces too. Recipes, benchmarks and examples import any room, and nobody imports them.
 """
 
 import ast
@@ -34,11 +35,17 @@ FLOORS: list[set[str]] = [
 ]
 FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 #: Rooms inside a room that have a face of their own.
-FACES = {"envs.engines.doom", "graph.navigation", "methods.rewards"}
-FACES |= {"methods.learners", "methods.navigators", "methods.worlds"}
+FACES = {
+    ".".join(path.parent.relative_to(REPOSITORY / "toponav").parts)
+    for path in (REPOSITORY / "toponav").glob("*/**/__init__.py")
+} - set(FLOOR_OF)
+#: Folders of scripts, which may import every room, and which nobody imports.
+SCRIPTS = ("recipes", "benchmarks", "examples")
 PACKAGE = sorted((REPOSITORY / "toponav").rglob("*.py"))
-RECIPES = sorted((REPOSITORY / "recipes").glob("*.py"))
-SOURCES = [*PACKAGE, *RECIPES]
+SCRIPT_FILES = [
+    path for folder in SCRIPTS for path in sorted((REPOSITORY / folder).glob("*.py"))
+]
+SOURCES = [*PACKAGE, *SCRIPT_FILES]
 
 
 def imported(source: str) -> list[tuple[int, str]]:
@@ -68,8 +75,8 @@ def broken_rules(module: str, source: str) -> list[str]:
         first, *rest = name.split(".")
         if first == "":
             broken.append(f"{module}:{line} imports relatively: {name}")
-        elif first == "recipes":
-            broken.append(f"{module}:{line} imports a recipe: {name}")
+        elif first in SCRIPTS:
+            broken.append(f"{module}:{line} imports a script: {name}")
         elif first != "toponav":
             continue
         elif not may_import(module, rest[0] if rest else ""):
@@ -84,7 +91,7 @@ def room_of(module: str) -> str:
 
 
 def may_import(module: str, other: str) -> bool:
-    if module.startswith("recipes."):
+    if module.split(".")[0] in SCRIPTS:
         return other in FLOOR_OF
     room = room_of(module)
     if room not in FLOOR_OF or other not in FLOOR_OF:
@@ -93,11 +100,14 @@ def may_import(module: str, other: str) -> bool:
 
 
 def is_deep(module: str, name: list[str]) -> bool:
-    """Whether a name of another room is taken from inside it instead of its face."""
-    if not module.startswith("recipes.") and room_of(module) == name[0]:
-        return False
+    """Whether a name is taken from inside a room, nested or not, past its face."""
     # The last part is what is imported; what stands before it is where from.
-    return len(name) > 2 and ".".join(name[:-1]) not in FACES
+    source = ".".join(name[:-1])
+    rooms = [".".join(name[:end]) for end in range(1, len(name) - 1)]
+    return source not in FACES and any(
+        room in {*FLOOR_OF, *FACES} and not f"{module}.".startswith(f"toponav.{room}.")
+        for room in rooms
+    )
 
 
 def module_name(path: Path) -> str:
@@ -115,9 +125,11 @@ def test_all_rooms_are_looked_at() -> None:
     assert rooms - {""} == set(FLOOR_OF)
 
 
-def test_the_recipes_are_looked_at() -> None:
-    names = {module_name(path) for path in RECIPES}
-    assert {"recipes.explore", "recipes.navigate", "recipes.pretrain"} <= names
+def test_the_scripts_and_nested_rooms_are_looked_at() -> None:
+    names = {module_name(path) for path in SCRIPT_FILES}
+    assert {"recipes.explore", "recipes.navigate", "benchmarks.env_speed"} <= names
+    assert "examples.novelty_on_another_env" in names
+    assert {"envs.engines.doom.level", "graph.navigation"} <= FACES
 
 
 @pytest.mark.parametrize(
@@ -131,6 +143,9 @@ def test_the_recipes_are_looked_at() -> None:
         ("toponav.config.explore", "from toponav.config.groups import MazeConfig"),
         ("toponav.builders", "from toponav.envs import DoomMazeEnv"),
         ("toponav.launch", "from toponav import config"),
+        ("toponav.graph", "from toponav.graph.navigation import Navigator"),
+        ("recipes.navigate", "from toponav.methods.navigators import CHOSEN"),
+        ("examples.some", "from toponav.transforms import Coverage"),
         ("toponav.envs.scene", "import recipes_of_others"),
     ],
 )
@@ -158,8 +173,17 @@ def test_the_rule_allows(module: str, source: str) -> None:
             "from ..layout import Layout",
             "relatively",
         ),
-        ("toponav.builders", "from recipes.tour import main", "recipe"),
-        ("toponav.envs", "import recipes", "recipe"),
+        ("toponav.builders", "from recipes.tour import main", "script"),
+        ("toponav.envs", "import recipes", "script"),
+        ("benchmarks.env_speed", "from examples.some import x", "script"),
+        ("toponav.graph", "from toponav.graph.navigation.plans import Plans", "past"),
+        (
+            "toponav.envs.engines.doom.game",
+            "from toponav.envs.engines.doom.level.udmf import slot_tag",
+            "past",
+        ),
+        ("benchmarks.env_speed", "from toponav.envs.scene import Scene", "past"),
+        ("recipes.tour", "from toponav.envs.engines.doom.spec import WORLD", "past"),
     ],
 )
 def test_the_rule_is_seen_to_fail(module: str, source: str, why: str) -> None:

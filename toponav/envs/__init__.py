@@ -26,5 +26,6 @@ from toponav.envs.mazes import (
     make_random_layout as make_random_layout,
 )
 from toponav.envs.pixel_world import make_pixel_env as make_pixel_env
+from toponav.envs.scene import SceneRules as SceneRules, draw_scene as draw_scene
 
 register_mazes()

@@ -14,12 +14,14 @@ from toponav.graph.map_file import (
     load_map as load_map,
     save_map as save_map,
 )
-from toponav.graph.navigation.localiser import Localiser as Localiser, Map as Map
-from toponav.graph.navigation.navigator import (
+from toponav.graph.navigation import (
+    Localiser as Localiser,
     Locomotion as Locomotion,
+    Map as Map,
     Navigator as Navigator,
+    Plan as Plan,
+    Planner as Planner,
 )
-from toponav.graph.navigation.planner import Plan as Plan, Planner as Planner
 from toponav.graph.pieces import MapKeys as MapKeys
 from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
 from toponav.graph.topological_map import (

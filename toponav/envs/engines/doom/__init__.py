@@ -1,8 +1,8 @@
 """The ViZDoom engine: art, level compiler, scripts, process handling."""
 
-from toponav.envs.engines.doom.game import MazeGame, prepare
+from toponav.envs.engines.doom.game import MazeGame as MazeGame, prepare
 from toponav.envs.engines.doom.instances import sweep
-from toponav.envs.engines.doom.spec import CAMERA, WORLD
+from toponav.envs.engines.doom.spec import ACTIONS as ACTIONS, CAMERA, WORLD as WORLD
 from toponav.envs.game import GameEngine
 
 ENGINE = GameEngine(

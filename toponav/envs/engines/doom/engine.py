@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toponav.envs.engines.doom import instances
-from toponav.envs.engines.doom.level.wad_cache import check_wad
+from toponav.envs.engines.doom.level import check_wad
 from toponav.envs.engines.doom.spec import TICS_PER_DECISION, WORLD
 from toponav.envs.errors import EngineError, EngineLostError
 

@@ -7,10 +7,7 @@ from numpy.typing import NDArray
 
 from toponav.envs.engines.doom import instances
 from toponav.envs.engines.doom.engine import Engine, fixed, turn
-from toponav.envs.engines.doom.level import acs
-from toponav.envs.engines.doom.level.compile import compile_maze
-from toponav.envs.engines.doom.level.udmf import slot_tag
-from toponav.envs.engines.doom.level.wad_cache import wad_file
+from toponav.envs.engines.doom.level import acs, compile_maze, slot_tag, wad_file
 from toponav.envs.engines.doom.spec import (
     ACTIONS,
     APPLE_REWARD,

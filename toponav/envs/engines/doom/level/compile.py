@@ -7,8 +7,14 @@ from functools import lru_cache
 import networkx as nx
 import numpy as np
 
-from toponav.envs.engines.doom.art import sprites, textures
-from toponav.envs.engines.doom.art.palette import Picture, colormap, encode_png, playpal
+from toponav.envs.engines.doom.art import (
+    Picture,
+    colormap,
+    encode_png,
+    playpal,
+    sprites,
+    textures,
+)
 from toponav.envs.engines.doom.level import acs
 from toponav.envs.engines.doom.level.actors import (
     APPLE_SPRITE,
