@@ -1,4 +1,4 @@
-"""docs/fidelity.md names what exists: files, classes, settings and their values."""
+"""Documents name what exists: files, classes, settings and their values."""
 
 import ast
 import copy
@@ -190,6 +190,22 @@ def test_what_it_names_exists() -> None:
         word: line[:60] for span, line in spans() for word in wrong_words(span, line)
     }
     assert wrong == {}
+
+
+@pytest.mark.parametrize(
+    "name", ["README.md", "docs/house.md", "docs/extending.md", "docs/glossary.md"]
+)
+def test_files_and_objects_of_other_pages_exist(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    spans = re.findall(
+        r"`([^`<*\s]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    )
+    rooms = ("toponav/", "recipes/", "conf/", "tests/", "docs/", "benchmarks/")
+    # The learner of the guide's example.
+    paths = [one for one in spans if one.startswith(rooms) and "reinforce" not in one]
+    assert [one for one in paths if not (ROOT / one).exists()] == []
+    objects = [one for one in spans if re.fullmatch(r"toponav(\.\w+)+", one)]
+    assert [one for one in objects if not resolves(one)] == []
 
 
 @pytest.mark.parametrize(
