@@ -256,6 +256,48 @@ def test_an_advantage_that_is_there_is_used() -> None:
         loss(batch.exclude("value_target"))
 
 
+def test_given_targets_of_another_shape_are_refused() -> None:
+    network, batch = collected_slice()
+    batch["advantage"] = batch["value_target"] = batch["state_value"]
+    for key in ("advantage", "value_target"):
+        flat = batch.copy().set(key, batch["state_value"].squeeze(-1))
+        with pytest.raises(
+            ValueError, match=rf"'{key}'.* shape \[3, 6, 1\], got \[3, 6\]"
+        ):
+            A3CLoss(network)(flat)
+
+
+def test_a_batch_without_time_is_refused() -> None:
+    network, batch = collected_slice()
+    with pytest.raises(ValueError, match=r"with time last, got \[\]"):
+        A3CLoss(network)(batch[0, 0])
+
+
+def test_only_keys_that_are_read_can_be_set() -> None:
+    loss = A3CLoss(make_given())
+    for name in ("is_init", "sample_log_prob"):
+        with pytest.raises(ValueError, match="not an accepted tensordict key"):
+            loss.set_keys(**{name: "other"})
+    loss.set_keys(logits="scores")
+    with pytest.raises(KeyError, match=r"'scores', the key of logits .*'logits'"):
+        loss(given_batch())
+
+
+def test_actions_that_nobody_can_take_are_refused() -> None:
+    network, batch = collected_slice()
+    one_hot = nn.functional.one_hot(batch["action"], 2)
+    for action, message in (
+        (batch["action"] + 6, r"in \[0, 2\), got numbers from 6 to 7"),
+        (batch["action"] - 1, r"in \[0, 2\), got numbers from -1 to 0"),
+        (batch["action"].float(), r"integers or bools, got torch.float32"),
+        (one_hot.float(), r"integers or bools, got torch.float32"),
+        (one_hot * 0, r"one-hot, got \[0, 0\]"),
+    ):
+        for loss in (A3CLoss(network), RecurrentPPOLoss(network)):
+            with pytest.raises(ValueError, match=f"action must be {message}"):
+                loss(batch.copy().set("action", action))
+
+
 def test_arguments_out_of_range_are_refused() -> None:
     network, batch = collected_slice()
     with pytest.raises(ValueError, match=r"critic_network must be .* got Linear alone"):

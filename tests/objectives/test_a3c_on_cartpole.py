@@ -2,13 +2,13 @@
 
 import pytest
 import torch
-from tensordict.nn import TensorDictModule
+from tensordict.nn import CompositeDistribution, TensorDictModule
 from torch.distributions import Categorical
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, GymEnv, SerialEnv
 from torchrl.envs.utils import RandomPolicy
 from torchrl.modules import MLP, OneHotCategorical, ProbabilisticActor, ValueOperator
-from torchrl.objectives import ValueEstimators
+from torchrl.objectives import A2CLoss, ValueEstimators
 
 from toponav.objectives import A3CLoss
 
@@ -69,6 +69,59 @@ def test_actions_of_another_encoding_are_refused() -> None:
         ValueError, match=r"shape \[2, 3\] of the policy's Categorical, got \[2, 3, 2\]"
     ):
         A3CLoss(actor, critic)(batch)
+
+
+def test_actions_out_of_range_are_refused() -> None:
+    for categorical in (True, False):
+        actor, critic = make_networks(categorical=categorical)
+        batch = make_env(2, categorical=categorical).rollout(3)
+        with pytest.raises(ValueError, match=r"action must be .*, got"):
+            A3CLoss(actor, critic)(batch.set("action", batch["action"] + 7))
+        with pytest.raises(ValueError, match=r"integers or bools, got torch.float32"):
+            A3CLoss(actor, critic)(batch.set("action", batch["action"].float()))
+
+
+def test_a_critic_of_another_key_needs_set_keys() -> None:
+    actor, critic = make_networks(categorical=True)
+    batch = critic(make_env(2, categorical=True).rollout(3)).detach()
+    expected = A3CLoss(actor, critic)(batch)
+    loss = A3CLoss(actor, ValueOperator(critic.module, ["observation"], ["worth"]))
+    with pytest.raises(KeyError, match=r"'state_value', .*set_keys\(value=.*'worth'"):
+        loss(batch)
+    loss.set_keys(value="worth")
+    assert (loss(batch) == expected).all()
+    two = ValueOperator(MLP(4, 2), ["observation"])
+    with pytest.raises(ValueError, match=r"shape \[2, 3, 1\], got \[2, 3, 2\]"):
+        A3CLoss(actor, two)(batch)
+
+
+def test_policies_of_several_actions_are_refused() -> None:
+    module = TensorDictModule(MLP(4, 2), ["observation"], [("params", "a", "logits")])
+    _, critic = make_networks(categorical=True)
+    for names in (["a"], ["a", "b"]):
+        actor = ProbabilisticActor(
+            module,
+            in_keys=["params"],
+            out_keys=names,
+            distribution_class=CompositeDistribution,
+            distribution_kwargs={"distribution_map": dict.fromkeys(names, Categorical)},
+        )
+        with pytest.raises(ValueError, match=rf"one action .* with \{names}"):
+            A3CLoss(actor, critic)
+    with pytest.raises(ValueError, match=r"one action .* MLP with \[\]"):
+        A3CLoss(MLP(4, 2), critic)
+
+
+def test_its_state_dict_is_a2c_s() -> None:
+    actor, critic = make_networks(categorical=True)
+    theirs = A2CLoss(actor, critic, functional=False)
+    loss = A3CLoss(actor, critic)
+    assert list(loss.state_dict()) == list(theirs.state_dict())
+    assert loss.functional is theirs.functional is False
+    read = {"advantage", "value_target", "value", "action", "reward"}
+    read |= {"done", "terminated"}
+    for name in read:
+        assert getattr(loss.tensor_keys, name) == getattr(theirs.tensor_keys, name)
 
 
 def mean_return(env: EnvBase, policy: TensorDictModule | RandomPolicy) -> float:

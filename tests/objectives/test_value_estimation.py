@@ -128,6 +128,17 @@ def test_each_estimator_equals_torchrl_s(value_type: ValueEstimators) -> None:
 
 
 @pytest.mark.parametrize("value_type", ESTIMATORS)
+def test_estimators_are_made_of_torchrl_s_classes(value_type: ValueEstimators) -> None:
+    loss, batch, critic = plain_slice()
+    kind, hyperparams = ESTIMATORS[value_type]
+    expected = loss.make_value_estimator(value_type, **hyperparams)(batch)
+    for network in ({}, {"value_network": critic}):
+        loss.make_value_estimator(kind, **hyperparams, **network)
+        assert type(loss.value_estimator) is kind is loss.value_type
+        torch.testing.assert_close(loss(batch), expected)
+
+
+@pytest.mark.parametrize("value_type", ESTIMATORS)
 def test_a_gamma_of_zero_leaves_the_reward(value_type: ValueEstimators) -> None:
     loss, batch, _ = plain_slice()
     loss.make_value_estimator(value_type, gamma=0)

@@ -6,16 +6,29 @@ from typing import Any, Literal, cast, get_args
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import (
+    CompositeDistribution,
     ProbabilisticTensorDictSequential,
     TensorDictModuleBase,
     dispatch,
 )
 from torch import Tensor
+from torch.distributions import Categorical
 from torch.nn import functional as F  # noqa: N812
-from torchrl.objectives import A2CLoss, LossModule, ValueEstimators
+from torchrl.modules import MaskedCategorical
+from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.utils import distance_loss
 
-from toponav.keys import IS_INIT, LOGITS
+from toponav.keys import (
+    ACTION,
+    ADVANTAGE,
+    DONE,
+    IS_INIT,
+    LOGITS,
+    REWARD,
+    STATE_VALUE,
+    TERMINATED,
+    VALUE_TARGET,
+)
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
@@ -29,14 +42,20 @@ Reduction = Literal["unroll", "mean", "sum", "none"]
 
 
 class A3CLoss(GAEMixin, LossModule):
-    """Policy gradient, critic and entropy of one slice of experience, ``[*B, T]``.
+    """Policy gradient, critic and entropy of a slice of experience, ``[*B, T]``.
 
     ``loss_objective`` is ``-log pi(a|s) A``, ``loss_critic`` is ``critic_coeff * (R -
     V)^2`` and ``loss_entropy`` is ``-entropy_coeff`` times the entropy; their sum is to
     be minimised. ``entropy`` is the mean entropy in nats. ``R`` is the n-step return
     and ``A = R - V`` unless ``make_value_estimator`` chooses another estimator (see
     `bootstrapped_advantage`); an advantage and a value target in the batch are used as
-    they are.
+    they are, ``[*B, T, 1]`` both.
+
+    Names, keys and state dict are those of TorchRL's ``A2CLoss(functional=False)``.
+    What differs: the last dimension is time, because each row bootstraps once, from the
+    state after it; the networks stay the caller's own, without ``..._params``, because
+    the explorers' policies share their weights; one action, and an entropy in closed
+    form, are needed; a recurrent policy and critic of one trunk are unrolled once.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
@@ -58,9 +77,16 @@ class A3CLoss(GAEMixin, LossModule):
     """
 
     @dataclass
-    class _AcceptedKeys(A2CLoss._AcceptedKeys):
+    class _AcceptedKeys:
+        action: NestedKey = ACTION
+        reward: NestedKey = REWARD
+        done: NestedKey = DONE
+        terminated: NestedKey = TERMINATED
+        value: NestedKey = STATE_VALUE
+        advantage: NestedKey = ADVANTAGE
+        value_target: NestedKey = VALUE_TARGET
+        # What a RecurrentActorCritic unrolls.
         logits: NestedKey = LOGITS
-        is_init: NestedKey = IS_INIT
 
     default_keys = _AcceptedKeys
     #: The n-step return.
@@ -97,8 +123,14 @@ class A3CLoss(GAEMixin, LossModule):
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)
         self.register_coeff_buffer("critic_coeff", critic_coeff)
         if critic_network is not None:
-            (action,) = network.dist_sample_keys
-            self.set_keys(action=action)
+            actions = getattr(network, "dist_sample_keys", [])
+            kinds = [getattr(m, "distribution_class", None) for m in network.modules()]
+            if len(actions) != 1 or CompositeDistribution in kinds:
+                raise ValueError(
+                    "actor_network must be a ProbabilisticActor of one action that is "
+                    f"not composite, got {type(network).__name__} with {actions}."
+                )
+            self.set_keys(action=actions[0])
 
     @property
     def in_keys(self) -> list[NestedKey]:
@@ -106,22 +138,27 @@ class A3CLoss(GAEMixin, LossModule):
         actor, judge = self.actor_network, self.critic_network
         judge = actor if judge is None else judge
         now = dict.fromkeys([*actor.in_keys, *judge.in_keys])
-        # What a network reads of decisions but not under "next".
-        following = [key for key in judge.in_keys if key != keys.is_init]
+        # What a recurrent network reads of decisions but not under "next".
+        left_out = [IS_INIT] if judge is actor else []
+        following = [key for key in judge.in_keys if key not in left_out]
         following += [keys.reward, keys.done, keys.terminated]
         return [*now, keys.action, *(under_next(key) for key in following)]
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.tensor_keys
+        if tensordict.ndim == 0:
+            raise ValueError("the batch size must be [*B, T], with time last, got [].")
         log_prob, entropy, state_value = self._evaluate(tensordict)
-        advantage = tensordict.get(keys.advantage, None)
-        if advantage is None:
+        if tensordict.get(keys.advantage, None) is None:
             advantage, value_target = bootstrapped_advantage(
                 self, tensordict, state_value, self._next_values
             )
         else:
-            value_target = read_entry(tensordict, keys.value_target, "value_target")
+            advantage, value_target = (
+                read_entry(tensordict, getattr(keys, name), name, state_value.shape)
+                for name in ("advantage", "value_target")
+            )
         critic = distance_loss(value_target, state_value, "l2")
         losses = {
             "loss_objective": -(log_prob * advantage.squeeze(-1)),
@@ -138,13 +175,15 @@ class A3CLoss(GAEMixin, LossModule):
         action = read_entry(tensordict, keys.action, "action")
         if self.critic_network is None:
             unrolled = self.actor_network.unroll(tensordict)
-            log_probs = F.log_softmax(unrolled.get(keys.logits).float(), -1)
+            logits = read_entry(unrolled, keys.logits, "logits")
+            state_value = read_entry(unrolled, keys.value, "value").float()
+            log_probs = F.log_softmax(logits.float(), -1)
             *shape, num_actions = log_probs.shape
             numbers = action_numbers(action, num_actions, torch.Size(shape))
             log_prob = log_probs.gather(-1, numbers.unsqueeze(-1)).squeeze(-1)
             entropy = -(log_probs.exp() * log_probs).sum(-1)
-            return log_prob, entropy, unrolled.get(keys.value).float()
-        # Shallow copies, so that the caller's batch is left alone.
+            return log_prob, entropy, state_value
+        # A shallow copy, so that the caller's batch is left alone.
         policy = self.actor_network.get_dist(tensordict.copy())
         # Not batch_shape and event_shape: TorchRL's one-hot policies have no latter.
         expected = policy.mode.shape
@@ -153,14 +192,23 @@ class A3CLoss(GAEMixin, LossModule):
                 f"action must have the shape {list(expected)} of the policy's "
                 f"{type(policy).__name__}, got {list(action.shape)}."
             )
-        state_value = self.critic_network(tensordict.copy()).get(keys.value)
-        return policy.log_prob(action), policy.entropy(), state_value
+        # A sparse mask leaves fewer logits than there are actions.
+        masked = isinstance(policy, MaskedCategorical)
+        if isinstance(policy, Categorical) and not masked:
+            action_numbers(action, policy.logits.shape[-1], policy.logits.shape[:-1])
+        return policy.log_prob(action), policy.entropy(), self._judge(tensordict)
+
+    def _judge(self, tensordict: TensorDictBase) -> Tensor:
+        network: Any = self.critic_network
+        # Without a value of the collector's, which a critic of another key would leave.
+        judged = network(tensordict.select(*network.in_keys))
+        shape = (*tensordict.shape, 1)
+        return read_entry(judged, self.tensor_keys.value, "value", shape)
 
     def _next_values(self, tensordict: TensorDictBase) -> Tensor:
         if self.critic_network is None:
             return cast(Tensor, self.actor_network.next_values(tensordict))
-        following = self.critic_network(tensordict.get("next").copy())
-        return cast(Tensor, following.get(self.tensor_keys.value))
+        return self._judge(tensordict.get("next"))
 
     def _reduce(self, loss: Tensor, tensordict: TensorDictBase) -> Any:
         if self.reduction == "unroll":

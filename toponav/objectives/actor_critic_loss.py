@@ -6,6 +6,7 @@ from typing import Any, Protocol, Self
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.value import GAE
 
@@ -40,14 +41,26 @@ class RecurrentActorCritic(Protocol):
 
 def action_numbers(action: Tensor, num_actions: int, shape: torch.Size) -> Tensor:
     """The numbers ``[*B]`` of actions, given as such or one-hot ``[*B, A]``."""
+    if action.is_floating_point():
+        raise ValueError(f"action must be integers or bools, got {action.dtype}.")
     if action.shape == shape:
+        if ((action < 0) | (action >= num_actions)).any():
+            low, high = int(action.min()), int(action.max())
+            raise ValueError(
+                f"action must be in [0, {num_actions}), got numbers from {low} to "
+                f"{high}."
+            )
         return action.long()
-    if action.shape == (*shape, num_actions):
-        return action.long().argmax(-1)
-    raise ValueError(
-        f"action must be numbers of the shape {list(shape)} or one-hot of the shape "
-        f"{[*shape, num_actions]}, got {list(action.shape)}."
-    )
+    if action.shape != (*shape, num_actions):
+        raise ValueError(
+            f"action must be numbers of the shape {list(shape)} or one-hot of the "
+            f"shape {[*shape, num_actions]}, got {list(action.shape)}."
+        )
+    numbers = action.long().argmax(-1)
+    wrong = (action != F.one_hot(numbers, num_actions)).any(-1)
+    if wrong.any():
+        raise ValueError(f"action must be one-hot, got {action[wrong][0].tolist()}.")
+    return numbers
 
 
 class GAEMixin:
@@ -57,9 +70,13 @@ class GAEMixin:
         """Choose ``TD0``, ``TD1``, ``TDLambda`` or ``GAE``, and ``gamma``, ``lmbda``.
 
         TD(lambda) becomes the GAE of the same lambda, which takes a ``gamma`` or
-        ``lmbda`` of 0, where TorchRL's vectorised forms fail.
+        ``lmbda`` of 0, where TorchRL's vectorised forms fail. An estimator of TorchRL
+        is taken as it is; a class of them is made of the hyperparameters and, unless
+        they name a ``value_network``, reads the values that the loss has.
         """
         loss: Any = self
+        if isinstance(value_type, type):
+            hyperparams.setdefault("value_network", None)
         value_type, hyperparams = loss._prepare_value_estimator_kwargs(
             value_type, **hyperparams
         )
@@ -104,13 +121,8 @@ def bootstrapped_advantage(
     keys, state_value = loss.tensor_keys, state_value.detach()
     entries = {}
     for name in ("reward", "done", "terminated"):
-        entry = read_entry(batch, under_next(getattr(keys, name)), name)
-        if entry.shape != state_value.shape:
-            raise ValueError(
-                f"('next', {getattr(keys, name)!r}) must have the shape "
-                f"{list(state_value.shape)} of the values, got {list(entry.shape)}."
-            )
-        entries[name] = entry
+        key = under_next(getattr(keys, name))
+        entries[name] = read_entry(batch, key, name, state_value.shape)
     is_last = entries["done"].clone()
     is_last[..., -1, :] = True
     following = torch.zeros_like(state_value)
@@ -129,13 +141,23 @@ def bootstrapped_advantage(
     return estimated.get(keys.advantage), estimated.get(keys.value_target)
 
 
-def read_entry(tensordict: TensorDictBase, key: NestedKey, name: str) -> Tensor:
+def read_entry(
+    tensordict: TensorDictBase,
+    key: NestedKey,
+    name: str,
+    shape: tuple[int, ...] | None = None,
+) -> Tensor:
     """An entry that a loss needs; KeyError if it is missing."""
     entry: Tensor | None = tensordict.get(key, None)
     if entry is None:
         raise KeyError(
-            f"the tensordict must have {key!r}, the key of {name} (see set_keys), got "
-            f"{sorted(map(str, tensordict.keys()))}."
+            f"the tensordict must have {key!r}, the key of {name} (another is named by "
+            f"set_keys({name}=...)), got {sorted(map(str, tensordict.keys()))}."
+        )
+    if shape is not None and entry.shape != shape:
+        raise ValueError(
+            f"{key!r}, the key of {name}, must have the shape {list(shape)}, got "
+            f"{list(entry.shape)}."
         )
     return entry
 
