@@ -8,15 +8,21 @@ from pathlib import Path
 
 import pytest
 
+from tests.exploring import explore_settings
 from toponav.builders import load_networks
+from toponav.builders.pretraining import pretraining_overrides
 from toponav.graph import load_map
 
 ROOT = Path(__file__).parent.parent
-WORLD = (
-    "world=gym",
-    "world.id=tests.foreign_world:ForeignWorld-v0",
-    "world.episode_length=64",
-)
+WORLD = ("world=gym", "world.id=tests.foreign_world:ForeignWorld-v0")
+
+
+def test_smoke_shortens_the_episodes_of_any_world() -> None:
+    config = explore_settings(*WORLD)
+    assert config.world.episode_length == 64
+    words = pretraining_overrides(config)
+    assert "world.episode_length=64" in words
+    assert not [word for word in words if word.startswith(("maze", "engine"))]
 
 
 def explore(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -73,6 +79,7 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        ([*WORLD, "maze.apples=3"], "'maze.apples' must go with world=maze, got world"),
         ([*WORLD, "reward=coverage"], "reward=coverage must be used in a world that"),
         (["world=gym", "world.id=NoSuchWorld-v0"], "world.id: "),
         (["world=gym", "world.id=CartPole-v1"], "world.id: "),

@@ -16,7 +16,8 @@ def run_folder(tmp_path: Path, *overrides: str) -> Path:
 
 def test_a_resumed_run_gets_its_own_command_line_and_folder(tmp_path: Path) -> None:
     folder = run_folder(tmp_path, "maze=maze1", "seed=3", "resume=elsewhere")
-    assert resumed_arguments([f"resume={folder}", "train.updates=9"]) == [
+    words = [f"resume={folder}", "train.updates=9"]
+    assert resumed_arguments(words, "pretrain") == [
         "maze=maze1",
         "seed=3",
         "train.updates=9",
@@ -28,18 +29,33 @@ def test_a_resumed_run_gets_its_own_command_line_and_folder(tmp_path: Path) -> N
 @pytest.mark.parametrize("given", ["'{}'", '"{}"', "{}"])
 def test_quotes_around_the_folder_do_not_matter(tmp_path: Path, given: str) -> None:
     folder = run_folder(tmp_path)
-    found = resumed_arguments([f"resume={given.format(folder)}"])
+    found = resumed_arguments([f"resume={given.format(folder)}"], "pretrain")
     assert found[-1] == f"hydra.run.dir='{folder}'"
 
 
 @pytest.mark.parametrize("arguments", [[], ["maze=maze1"], ["resume=null"]])
 def test_other_command_lines_stay_as_they_are(arguments: list[str]) -> None:
-    assert resumed_arguments(arguments) == arguments
+    assert resumed_arguments(arguments, "explore") == arguments
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="resume must name the folder of a run"):
-        resumed_arguments([f"resume={tmp_path}"])
+        resumed_arguments([f"resume={tmp_path}"], "explore")
+
+
+def test_a_run_of_an_earlier_version_is_one_sentence(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path, "reward.kind=coverage")
+    file = folder / "config/config.yaml"
+    file.write_text("reward: {name: rnd, lr: 1.0}\nmaze: {blocked: [a]}\n")
+    words = [f"resume={folder}"]
+    assert resumed_arguments(words, "explore")
+    file.write_text("maze: {name: maze1}\nreward: {kind: coverage}\n")
+    with pytest.raises(SettingsError) as error:
+        resumed_arguments(words, "explore")
+    assert str(error.value) == (
+        f"resume must name a run of explore of this version, got '{folder}', which an "
+        "earlier version (or another recipe) made with other settings, 'reward.kind'"
+    )
 
 
 @pytest.mark.parametrize(
@@ -50,6 +66,9 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
         (["folder='runs/a=1'"], ["folder='runs/a=1'"]),
         (["it's/here"], ["folder='it\\'s/here'"]),
         (["--help"], ["--help"]),
+        (["a", "--cfg", "job", "b=1"], ["folder='a'", "--cfg", "job", "b=1"]),
+        (["-c", "job", "a"], ["-c", "job", "folder='a'"]),
+        (["--multirun", "a"], ["--multirun", "folder='a'"]),
         (["hydra/job_logging=default"], ["hydra/job_logging=default"]),
         ([], []),
     ],

@@ -22,7 +22,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from toponav.config import RECIPES, SettingsError, TrainingError
+from toponav.config import RECIPES, SettingsError, TrainingError, require
 from toponav.envs import EngineError
 from toponav.methods import METHODS, register
 from toponav.runs import alone_in, remove_unused
@@ -35,6 +35,11 @@ _REFUSALS = (HydraException, OmegaConfBaseException, SettingsError)
 _FAILURES = (EngineError, TrainingError)
 #: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
 _LONGEST_NAME = 200
+#: Hydra's flags that have a value.
+_FLAGS = (
+    *("--cfg", "-c", "--package", "-p", "--info", "-i", "--experimental-rerun"),
+    *("--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"),
+)
 
 
 class _JobError(Exception):
@@ -88,7 +93,7 @@ def recipe(
                     ]
                 if first:
                     arguments = named_folder(arguments, first)
-                sys.argv[1:] = resumed_arguments(arguments)
+                sys.argv[1:] = resumed_arguments(arguments, name)
                 start()
 
         return main
@@ -103,7 +108,13 @@ def _run_job(
     folder = Path(job.runtime.output_dir)
     # A recipe without settings in its folder writes beside the runs of others.
     own = None if job.output_subdir is None else folder / job.output_subdir
+    world = OmegaConf.select(cfg, "world.name", default="maze")
     try:
+        for word in job.overrides.task:
+            key = word.lstrip("+~").partition("=")[0]
+            rule = f"'{key}' must go with world=maze"
+            of_maze = key.split(".")[0] == "maze"
+            require(world == "maze" or not of_maze, rule, f"world={world}")
         settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
         with nullcontext() if own is None else alone_in(own):
             function(settings, folder)
@@ -139,13 +150,14 @@ def folder_name(overrides: str) -> str:
     return name
 
 
-def resumed_arguments(arguments: list[str]) -> list[str]:
+def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
     """The command line of the run to go on with, and its folder to write into.
 
     A command line without ``resume=`` comes back as it is.
 
     Raises:
-        SettingsError: if ``resume`` names no run folder.
+        SettingsError: if ``resume`` names no run folder, or that of an earlier version
+            or another recipe, with settings that ``recipe`` has not.
     """
     given = [word for word in arguments if word.startswith("resume=")]
     folder = given[-1].partition("=")[2].strip("'\"") if given else ""
@@ -154,26 +166,44 @@ def resumed_arguments(arguments: list[str]) -> list[str]:
     overrides = Path(folder) / "config" / "overrides.yaml"
     if not overrides.is_file():
         raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
+    config = overrides.with_name("config.yaml")
+    known = {*_keys(RECIPES[recipe]), *chain.from_iterable(_of_methods().values())}
+    old = OmegaConf.to_container(OmegaConf.load(config)) if config.is_file() else {}
+    other = next((key for key in _leaves(old) if key not in known), None)
+    require(
+        other is None,
+        f"resume must name a run of {recipe} of this version",
+        f"'{folder}', which an earlier version (or another recipe) made with other "
+        f"settings, '{other}'",
+    )
     first = [str(word) for word in OmegaConf.to_object(OmegaConf.load(overrides))]  # type: ignore[union-attr]
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     quoted = _quoted(folder)
     return [*kept, f"resume={quoted}", f"hydra.run.dir={quoted}"]
 
 
+def _leaves(entries: Any, prefix: str = "") -> Iterator[str]:
+    """Dotted names of all values in nested dictionaries."""
+    for key, value in entries.items():
+        below = isinstance(value, dict)
+        yield from _leaves(value, f"{prefix}{key}.") if below else [f"{prefix}{key}"]
+
+
 def named_folder(arguments: list[str], name: str) -> list[str]:
     """The command line with the name of a setting before the folder that stands alone.
 
     What is an existing folder, or has neither a ``=`` nor a leading dash, is taken for
-    the folder.
+    the folder, unless it is the value of one of Hydra's flags.
 
     Examples:
         >>> named_folder(["multirun/explore"], "folder")
         ["folder='multirun/explore'"]
     """
     found = []
-    for word in arguments:
+    for before, word in zip(["", *arguments], arguments, strict=False):
         given = word.removeprefix(f"{name}=")
         alone = Path(word).is_dir() or not ("=" in word or word.startswith("-"))
+        alone = alone and before not in _FLAGS
         found.append(f"{name}={_quoted(given)}" if given != word or alone else word)
     return found
 
@@ -215,6 +245,8 @@ def _sentence(error: Exception, name: str) -> str:
     text = "\n".join(messages)
     if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
         group, given = found.groups()
+        # The group of a recipe's own scales, which is chosen by this word.
+        group = "scale" if group == name else group
         options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
         # What options build on is none itself; "run" is navigate's own default.
         parts = re.compile(r"base|schema|run|\w+_schema")
@@ -227,10 +259,9 @@ def _sentence(error: Exception, name: str) -> str:
         key = found.group(1)
         known = list(_keys(RECIPES[name]))
         of_method = {
-            f"{group}={method}": list(_keys(schema, f"{group}."))
-            for group, schemas in METHODS.items()
-            for method, schema in schemas.items()
-            if group in known
+            method: keys
+            for method, keys in _of_methods().items()
+            if method.split("=")[0] in known
         }
         owners = [method for method, keys in of_method.items() if key in keys]
         if owners and " not in " in text:
@@ -243,6 +274,15 @@ def _sentence(error: Exception, name: str) -> str:
             return f"{key} must be a list such as [a,b], got something else"
         return f"{key}: {text.splitlines()[0].strip()}"
     return next(line.strip() for line in text.splitlines() if line.strip())
+
+
+def _of_methods() -> dict[str, list[str]]:
+    """By its choice on a command line, the settings of each method."""
+    return {
+        f"{group}={method}": list(_keys(schema, f"{group}."))
+        for group, schemas in METHODS.items()
+        for method, schema in schemas.items()
+    }
 
 
 def _hint(given: str, choices: list[str]) -> str:

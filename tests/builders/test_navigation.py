@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from toponav.builders import (
     make_goal_places,
     make_navigation_env,
 )
-from toponav.config import NavigateConfig, SettingsError
+from toponav.config import NavigateConfig, SettingsError, run_setting
 from toponav.envs import DEFAULT_ENGINE, ENGINES
 from toponav.keys import GOAL_CELL
 
@@ -143,12 +144,33 @@ def test_another_maze_is_one_sentence(folder):
     assert refused(config) == "maze.texture_seed must be 0, as in the run, got 5"
 
 
-@pytest.mark.parametrize("name", [MAP_FILE, POSES_FILE])
+def test_a_run_of_another_world_is_one_sentence(tmp_path):
+    make_run(tmp_path)
+    file = tmp_path / "config/config.yaml"
+    file.write_text(
+        re.sub("world:\n  name: maze", "world:\n  name: gym", file.read_text())
+    )
+    assert refused(navigate_settings(tmp_path)) == (
+        "run must name the exploration of a maze, which navigation needs, got "
+        f"'{tmp_path}' with world=gym"
+    )
+
+
+def test_a_run_of_an_earlier_version_is_one_sentence(tmp_path):
+    (tmp_path / "config").mkdir()
+    old = "maze: {name: maze1}\nreward: {kind: coverage}\n"
+    (tmp_path / "config/config.yaml").write_text(old)
+    with pytest.raises(SettingsError, match=r"of this version, got .* earlier version"):
+        run_setting(str(tmp_path), "maze.marks")
+
+
+@pytest.mark.parametrize("name", ["networks.pt", MAP_FILE, POSES_FILE])
 def test_a_run_without_a_map_is_one_sentence(tmp_path, name):
     make_run(tmp_path)
     (tmp_path / name).unlink()
     assert refused(navigate_settings(tmp_path)) == (
-        f"run must name an exploration with a map, got '{tmp_path}' without {name}"
+        "run must name an exploration with networks and a map, which reward=novelty "
+        f"leaves, and others that get `pretrained`, got '{tmp_path}' without {name}"
     )
 
 

@@ -163,11 +163,27 @@ def test_runs_without_ground_truth_are_left_out(tmp_path: Path) -> None:
         known = pd.read_csv(path).drop(
             columns=["coverage", "decisions_to_90"], errors="ignore"
         )
+        known["intrinsic_return"] = 7.0
         known.to_csv(path, index=False)
     report = report_exploration(find_runs(tmp_path))
     sentence = "is left out: it has no coverage: its world has no ground truth"
     assert report.left_out == [f"{blind} {sentence}"]
     assert [one.subject for one in report.scores] == ["best", "last", "random"]
+
+
+def test_without_any_ground_truth_it_is_of_intrinsic_return(tmp_path: Path) -> None:
+    folder = make_exploration(tmp_path, "world=gym", best=[0.8])
+    for name in ("evaluation.csv", "episodes.csv"):
+        table = pd.read_csv(folder / name).assign(intrinsic_return=7.0)
+        table = table.drop(columns=["coverage", "decisions_to_90"], errors="ignore")
+        table.to_csv(folder / name, index=False)
+    report = report_exploration(find_runs(tmp_path))
+    assert (report.left_out, report.figure is None) == ([], False)
+    found = {one.subject: one for one in report.scores}
+    assert list(found) == ["best", "last", "random"]
+    assert {one.measure for one in report.scores} == {"intrinsic return"}
+    assert found["best"].values.tolist() == [[7.0]]
+    assert found["best"].more == {}
 
 
 @pytest.mark.parametrize(

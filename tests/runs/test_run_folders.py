@@ -154,7 +154,7 @@ def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:
     ("old", "new", "reason"),
     [
         ("decisions_to_90", "x", "has no column 'decisions_to_90' in its evaluation"),
-        ("coverage", "covered", "has no coverage: its world has no ground truth"),
+        ("coverage", "covered", "has no column 'intrinsic_return' in its episodes"),
         ("best,|last,", "worst,", "has no evaluation of its best or last policy"),
         ("0.95", "nan", "has evaluation episodes without coverage"),
     ],

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_layout
-from toponav.builders.networks import Networks, load_networks
+from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
 from toponav.config import (
     MazeConfig,
     NavigateConfig,
@@ -66,14 +66,18 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
         SettingsError: if it names no exploration, one without networks or waypoints, or
             one of another maze than ``maze`` or for other views than ``engine`` draws.
     """
+    where = run_setting(config.run, "world.name", "maze")
+    rule = "run must name the exploration of a maze, which navigation needs"
+    require(where == "maze", rule, f"'{config.run}' with world={where}")
     layout = make_layout(config.maze)
     require_same_maze(config.run, config.maze, layout)
     folder, world = Path(str(config.run)), engine_world(config.engine)
-    networks = load_networks(folder, setting="run", world=world)
-    for name in (MAP_FILE, POSES_FILE):
+    rule = "run must name an exploration with networks and a map"
+    rule += ", which reward=novelty leaves, and others that get `pretrained`"
+    for name in (NETWORKS_FILE, MAP_FILE, POSES_FILE):
         given = f"'{folder}' without {name}"
-        found = (folder / name).is_file()
-        require(found, "run must name an exploration with a map", given)
+        require((folder / name).is_file(), rule, given)
+    networks = load_networks(folder, setting="run", world=world)
     topological_map = _load_map(folder, networks)
     poses = _load_poses(folder, topological_map.num_waypoints)
     distances = GroundTruthDistances(

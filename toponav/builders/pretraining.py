@@ -26,7 +26,7 @@ from toponav.builders.networks import (
     save_networks,
 )
 from toponav.builders.protocols import World
-from toponav.config import ExploreConfig, MazeConfig, TrainingError
+from toponav.config import ExploreConfig, MazeConfig, Settings, TrainingError
 from toponav.envs import DEFAULT_ENGINE, end_stray_engines
 from toponav.runs import CHECKPOINT_FILE
 
@@ -104,9 +104,9 @@ def pretraining_decisions(config: ExploreConfig) -> float:
             at = OmegaConf.select(entries, "init_from", default=None)
             continue
         # An exploration: its networks came from elsewhere, and may have trained more.
-        if entries.online.learn:
+        if OmegaConf.select(entries, "online.learn"):
             decisions += collected
-        if (at := entries.pretrained) is None:
+        if (at := OmegaConf.select(entries, "pretrained")) is None:
             return math.nan
     return decisions
 
@@ -134,19 +134,21 @@ def pretraining_maze(config: ExploreConfig) -> MazeConfig:
 
 def pretraining_overrides(config: ExploreConfig) -> list[str]:
     """The command line of the pre-training: all that its result depends on."""
-    maze = pretraining_maze(config)
-    groups = {"maze": maze, "model": config.model, "pairs": config.pairs}
-    other = [f"engine={config.engine}"]
-    if config.world.name != "maze":
-        other.insert(0, f"world={config.world.name}")
-        groups["world"] = config.world
+    maze, world = pretraining_maze(config), config.world
+    groups: dict[str, Settings] = {"model": config.model, "pairs": config.pairs}
+    choice, other = f"world={world.name}", list[str]()
+    if world.name == "maze":
+        groups = {"maze": maze, **groups}
+        choice, other = f"maze={maze.name}", [f"engine={config.engine}"]
+    else:
+        groups["world"] = world
     values = [
         f"{group}.{name}={_in_hydra(value)}"
         for group, settings in groups.items()
         for name, value in asdict(settings).items()
     ]
     return [
-        f"maze={maze.name}",
+        choice,
         f"scale={config.pretraining.scale}",
         *other,
         *values,

@@ -9,6 +9,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
 from toponav.config.checks import (
+    Settings as Settings,
     SettingsError as SettingsError,
     TrainingError as TrainingError,
     above as above,

@@ -126,6 +126,6 @@ def run_setting(run: str | None, name: str, default: Any = _NONE) -> Any:
     explored = isinstance(config, DictConfig) and {"maze", "reward"} <= config.keys()
     require(explored, rule, f"that of another recipe, '{run}'")
     value = OmegaConf.select(config, name, default=default)
-    rule = f"run must name a run with the setting {name}"
-    require(value is not _NONE, rule, f"'{run}'")
+    rule, old = f"{rule} of this version", "which an earlier version made with other"
+    require(value is not _NONE, rule, f"'{run}', {old} settings, without {name}")
     return value

@@ -27,7 +27,7 @@ from toponav.runs import (
 
 Result = TypeVar("Result")
 
-#: Episodes over which the coverage of a training is averaged.
+#: Episodes over which the coverage (or return) of a training is averaged.
 WINDOW = 16
 # A run is judged by the first of these that it has.
 _LEARNED = ("best", "last")
@@ -111,10 +111,12 @@ def draw_scores(
 def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     """Coverage of the learned and the scripted policies, and learning curves.
 
-    The scripted policies depend on the maze alone: their episodes of all runs in it
-    are put together; runs whose episodes are the same count once.
+    That of the scripted policies depends on the maze alone: their episodes of all runs
+    in it are put together; runs whose episodes are the same count once. If no run knows
+    its coverage, it is the intrinsic return, which depends on all settings.
     """
     results, left_out = read_all(runs, read_exploration)
+    _drop_without_coverage(results, left_out)
     names = swept_settings(runs)
     _drop_short_evaluations(results, names, left_out)
     if not results:
@@ -122,69 +124,74 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     scores: list[Scores] = []
     panels: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
     levels: dict[str, dict[str, float]] = {}
-    of_maze = [name for name in names if name.split(".")[0] == "maze"]
+    measure = next(iter(results.values())).measure
+    blind = measure != "coverage"
+    label = "intrinsic return" if blind else "coverage (%)"
+    of_maze = [name for name in names if blind or name.split(".")[0] == "maze"]
     others = [name for name in names if name not in of_maze]
     for maze, in_maze in group_runs(results, of_maze):
         panel = panels.setdefault(label_of(maze), {})
         for settings, members in group_runs(in_maze, others):
             explorations = [results[run] for run in members]
-            scores += _learned_scores({**maze, **settings}, explorations)
+            scores += _learned_scores({**maze, **settings}, explorations, label)
             panel[label_of(settings)] = [_training_curve(one) for one in explorations]
-        scripted = _scripted_scores(maze, [results[run] for run in in_maze])
+        scripted = _scripted_scores(maze, [results[run] for run in in_maze], label)
         scores += scripted
         levels[label_of(maze)] = {
             _SCRIPTED[one.subject]: float(one.values.mean()) for one in scripted
         }
-    label = f"coverage, mean of the last {WINDOW} episodes (%)"
+    name, *percent = label.split(" (")
+    label = " (".join([f"{name}, mean of the last {WINDOW} episodes", *percent])
     figure = draw_learning_curves(panels, levels, label=label, title=title)
     return SweepReport("policy", "episodes", scores, figure, left_out)
 
 
 def _learned_scores(
-    settings: Mapping[str, str], explorations: list[Exploration]
+    settings: Mapping[str, str], explorations: list[Exploration], label: str
 ) -> list[Scores]:
-    """Coverage ``[R, E]`` of the learned policies that all runs of a group have."""
+    """Scores ``[R, E]`` of the learned policies that all runs of a group have."""
     scores: list[Scores] = []
     for policy in _LEARNED:
         tables = [_episodes_of(policy, one) for one in explorations]
         if all(map(len, tables)):
-            values = np.stack([100 * table["coverage"] for table in tables])
+            values = np.stack([table["score"] for table in tables])
             more = _decisions_to_90(pd.concat(tables))
-            if not scores:
+            if more and not scores:
                 more["training to 90 %"] = _training_to_90(explorations)
-            scores.append(Scores(settings, policy, "coverage (%)", values, more))
+            scores.append(Scores(settings, policy, label, values, more))
     return scores
 
 
 def _scripted_scores(
-    maze: Mapping[str, str], explorations: list[Exploration]
+    maze: Mapping[str, str], explorations: list[Exploration], label: str
 ) -> list[Scores]:
-    """Coverage ``[N]`` of each scripted policy in all runs, equal tables once."""
+    """Scores ``[N]`` of each scripted policy in all runs, equal tables once."""
     scores = []
     for policy in _SCRIPTED:
         tables = [_episodes_of(policy, one) for one in explorations]
         # The same seed in the same maze gives the same episodes in every run.
         table = pd.concat({one.to_numpy().tobytes(): one for one in tables}.values())
         if len(table):
-            values = 100 * table["coverage"].to_numpy()
-            more = _decisions_to_90(table)
-            scores.append(Scores(maze, policy, "coverage (%)", values, more))
+            values, more = table["score"].to_numpy(), _decisions_to_90(table)
+            scores.append(Scores(maze, policy, label, values, more))
     return scores
 
 
 def _episodes_of(policy: str, one: Exploration) -> pd.DataFrame:
     rows = one.evaluation["policy"] == policy
-    return one.evaluation.loc[rows, ["coverage", "decisions_to_90"]]
+    return one.evaluation[rows].filter(["score", "decisions_to_90"])
 
 
 def _decisions_to_90(table: pd.DataFrame) -> dict[str, float]:
+    if "decisions_to_90" not in table:
+        return {}
     median, share = decisions_to_reach(table["decisions_to_90"])
     return {"decisions to 90 %": median, "share to 90 % (%)": 100 * share}
 
 
 def _training_curve(one: Exploration) -> tuple[Floats, Floats]:
-    coverage = running_mean(100 * one.episodes["coverage"], WINDOW)
-    return one.episodes["decisions"].to_numpy(), coverage
+    score = running_mean(one.episodes["score"], WINDOW)
+    return one.episodes["decisions"].to_numpy(), score
 
 
 def _training_to_90(explorations: list[Exploration]) -> float:
@@ -195,6 +202,17 @@ def _training_to_90(explorations: list[Exploration]) -> float:
         good = np.flatnonzero(coverage[WINDOW - 1 :] >= 90) + WINDOW - 1
         taken.append(decisions[good[0]] if len(good) else -1)
     return decisions_to_reach(taken)[0]
+
+
+def _drop_without_coverage(
+    results: dict[Run, Exploration], left_out: list[str]
+) -> None:
+    """Leave out the runs without coverage if others have it."""
+    without = [run for run, one in results.items() if one.measure != "coverage"]
+    for run in without if len(without) < len(results) else ():
+        del results[run]
+        sentence = "it has no coverage: its world has no ground truth"
+        left_out.append(f"{run.folder} is left out: {sentence}")
 
 
 def _drop_short_evaluations(

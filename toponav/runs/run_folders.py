@@ -48,10 +48,14 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """The tables ``evaluation.csv`` and ``episodes.csv`` of an exploration."""
+    """The tables ``evaluation.csv`` and ``episodes.csv`` of an exploration.
+
+    Both have a column ``score``: the ``measure``, of ``coverage`` in percent.
+    """
 
     evaluation: pd.DataFrame
     episodes: pd.DataFrame
+    measure: str  # without ground truth: intrinsic_return
 
 
 def find_runs(folder: Path) -> list[Run]:
@@ -177,17 +181,20 @@ def read_exploration(folder: Path) -> Exploration:
     """The tables of a finished exploration.
 
     Raises:
-        BrokenRunError: if it has not finished, a column is missing, coverage is unknown
-            or neither of its policies ``best`` and ``last`` was evaluated.
+        BrokenRunError: if it has not finished, a column is missing, or neither of its
+            policies ``best`` and ``last`` was evaluated.
     """
     evaluation = read_table(folder / "evaluation.csv", ("policy", "seed"))
-    if "coverage" not in evaluation:
-        raise BrokenRunError("has no coverage: its world has no ground truth")
-    _require_columns(evaluation, ["decisions_to_90"], "evaluation.csv")
-    episodes = read_table(folder / "episodes.csv", ("decisions", "coverage"))
+    measure, percent, columns = "intrinsic_return", 1, ["intrinsic_return"]
+    if "coverage" in evaluation:
+        measure, percent, columns = "coverage", 100, ["decisions_to_90"]
+    _require_columns(evaluation, columns, "evaluation.csv")
+    episodes = read_table(folder / "episodes.csv", ("decisions", measure))
     # Without a best policy where rewards of different times do not compare.
     if not evaluation["policy"].isin(["best", "last"]).any():
         raise BrokenRunError("has no evaluation of its best or last policy")
-    if not np.isfinite(evaluation["coverage"]).all():
-        raise BrokenRunError("has evaluation episodes without coverage")
-    return Exploration(evaluation, episodes)
+    if not np.isfinite(evaluation[measure]).all():
+        raise BrokenRunError(f"has evaluation episodes without {measure}")
+    evaluation["score"] = percent * evaluation[measure]
+    episodes["score"] = percent * episodes[measure]
+    return Exploration(evaluation, episodes, measure)
