@@ -34,7 +34,6 @@ from omegaconf import OmegaConf
 from tensordict import TensorDictBase
 
 from toponav.builders import (
-    NETWORKS,
     Networks,
     World,
     collect_batches,
@@ -154,7 +153,7 @@ def time_decision(
     The TC-network is a copy, in the precision that collecting processes use.
     """
     reward = make_reward(settings, world, None)
-    tc = reward.modules()[NETWORKS].tc
+    tc = reward.novelty.tc
     tc.load_state_dict(networks.tc.state_dict())
     policy = LEARNERS[settings.loss.name].make_policy(settings, world)
     explorer = make_explorer(policy, reward, None)

@@ -23,7 +23,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from tqdm import tqdm, trange
 
-from toponav.builders import NETWORKS, Networks, World, load_networks
+from toponav.builders import Networks, World, load_networks
 from toponav.config import ExploreConfig, RewardConfig
 from toponav.keys import (
     COVERAGE,
@@ -130,7 +130,7 @@ def compute_rewards(
     """
     method = make_reward(settings, world, networks)
     config, tc = settings.reward, networks.tc
-    threshold = float(method.modules()[NETWORKS].threshold)
+    threshold = float(method.novelty.threshold)
     memory = WaypointMemory(
         lambda views: views.flatten(1),
         tc.compare_prepared,

@@ -80,7 +80,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     reward = make_reward(settings, world, networks)
     learner = make_learner(settings, world, reward, state, folder)
     explorer = make_explorer(learner.policy, reward, networks)
-    consumers = make_consumers(
+    log, consumers = make_consumers(
         settings, world, networks, learner, reward, state, folder
     )
     if settings.resume:
@@ -99,7 +99,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
         settings, world, mailbox, keep=needed_keys(consumers), decisions=state.decisions
     )
     batches = collect_batches(collector, max_idle_s=settings.collect.max_idle_s)
-    report = ExplorationReport(settings, world, folder, state, consumers)
+    report = ExplorationReport(settings, world, folder, state, log, consumers)
     saving = Timer(settings.report.save_every_s)
     started = time.monotonic() - state.seconds
     with stop_requests() as stop:

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from difflib import get_close_matches
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -257,18 +256,22 @@ def _sentence(error: Exception, name: str) -> str:
         )
     if found := re.search(r"full_key: (\S+)", text):
         key = found.group(1)
-        known = list(_keys(RECIPES[name]))
-        of_method = {
-            method: keys
-            for method, keys in _of_methods().items()
-            if method.split("=")[0] in known
-        }
-        owners = [method for method, keys in of_method.items() if key in keys]
+        known, group = list(_keys(RECIPES[name])), key.split(".")[0]
+        owners = [
+            f"{group}={method}"
+            for method, schema in METHODS.get(group, {}).items()
+            if group in known and key in _keys(schema, f"{group}.")
+        ]
+        in_force = _in_force(error)
         if owners and " not in " in text:
-            group = key.split(".")[0]
-            return f"'{key}' must go with {' or '.join(owners)}, got another {group}"
+            return (
+                f"'{key}' must go with {' or '.join(owners)}, got "
+                f"{group}={in_force[group]}"
+            )
         if key not in known and not key.startswith("hydra."):
-            hint = _hint(key, [*known, *chain.from_iterable(of_method.values())])
+            schemas = {one: METHODS[one][method] for one, method in in_force.items()}
+            known += [of for one in schemas for of in _keys(schemas[one], f"{one}.")]
+            hint = _hint(key, known)
             return f"'{key}' must be a setting of {name}, got none of that name{hint}"
         if "is not a ListConfig" in text:
             return f"{key} must be a list such as [a,b], got something else"
@@ -283,6 +286,16 @@ def _of_methods() -> dict[str, list[str]]:
         for group, schemas in METHODS.items()
         for method, schema in schemas.items()
     }
+
+
+def _in_force(error: BaseException | None) -> dict[str, str]:
+    """The method of each group in the settings that OmegaConf refused."""
+    while error is not None:
+        if isinstance(error, OmegaConfBaseException) and error.parent_node is not None:
+            root = error.parent_node._get_root()
+            return {group: root[group].name for group in METHODS if group in root}
+        error = error.__cause__
+    return {}
 
 
 def _hint(given: str, choices: list[str]) -> str:

@@ -88,12 +88,12 @@ def test_both_run_through_the_recipe(house: Path) -> None:
     [
         (
             ["reward=straight", "reward.alpha=1"],
-            "'reward.alpha' must go with reward=novelty, got another reward",
+            "'reward.alpha' must go with reward=novelty, got reward=straight",
         ),
         (["reward=straight", "reward.amount=0"], "reward.amount must be above 0, got"),
         (
             ["loss=reinforce", "loss.epochs=2"],
-            "'loss.epochs' must go with loss=ppo, got another loss",
+            "'loss.epochs' must go with loss=ppo, got loss=reinforce",
         ),
     ],
 )

@@ -29,7 +29,7 @@ def consumers_of(*overrides: str):
     state = ExplorationState()
     reward = make_reward(config, world, networks)
     learner = make_learner(config, world, reward, state, Path("run"))
-    consumers = make_consumers(
+    _, consumers = make_consumers(
         config, world, networks, learner, reward, state, Path("run")
     )
     return config, world, learner, consumers

@@ -57,6 +57,7 @@ from toponav.builders.protocols import (
     POLICY as POLICY,
     Check as Check,
     Consumer as Consumer,
+    Learner as Learner,
     RewardMethod as RewardMethod,
     World as World,
 )

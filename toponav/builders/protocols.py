@@ -1,16 +1,25 @@
-"""What worlds, consumers of batches and reward methods are to the rest of the house."""
+"""What worlds, consumers, learners and reward methods are to the rest of the house."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torchrl.envs import EnvBase
 from torchrl.envs.transforms import Transform
 
-from toponav.builders.networks import Networks
-from toponav.config import ExploreConfig, RewardConfig
+from toponav.builders.networks import Networks, Novelty
+from toponav.builders.processes import make_device
+from toponav.config import (
+    ExploreConfig,
+    LearnerConfig,
+    PretrainConfig,
+    RewardConfig,
+    WorldConfig,
+)
 from toponav.envs import Layout
 from toponav.worlds import WorldSpec
 
@@ -24,11 +33,15 @@ Check = Callable[[Mapping[str, float], int], None]
 class World(Protocol):
     """Where an agent acts: it makes environments, and says what they are."""
 
+    #: The schema of its settings.
+    schema: ClassVar[type[WorldConfig]]
     name: str
     spec: WorldSpec
     episode_length: int
     #: The plan, for evaluation alone; ``None`` in a world without ground truth.
     layout: Layout | None
+
+    def __init__(self, settings: ExploreConfig | PretrainConfig) -> None: ...
 
     def make_env(
         self,
@@ -92,6 +105,52 @@ class Consumer:
                 setattr(self, name, state[name])
 
 
+class Learner(Consumer, ABC):
+    """A policy and what trains it. One file of ``toponav/methods/learners`` each.
+
+    Args:
+        settings: of the run; its own are `config`.
+        world: where the explorer acts.
+        reward: key of the reward to learn from.
+        check: to be called with the losses and the number of the update before every
+            step of an optimiser; raises if one is not finite.
+        progress: how much of the run is over, in [0, 1].
+    """
+
+    #: The schema of its settings.
+    schema: ClassVar[type[LearnerConfig]]
+    config: LearnerConfig
+    policy: TensorDictModuleBase
+
+    def __init__(
+        self,
+        settings: ExploreConfig,
+        world: World,
+        *,
+        reward: NestedKey,
+        check: Check,
+        progress: Callable[[], float],
+    ) -> None:
+        assert isinstance(settings.loss, self.schema)
+        self.config = settings.loss
+        self.device = make_device(settings.device)
+        self.policy = self.make_policy(settings, world).to(self.device)
+        self.reward = reward
+        self.check = check
+        self.progress = progress
+
+    @staticmethod
+    @abstractmethod
+    def make_policy(settings: ExploreConfig, world: World) -> TensorDictModuleBase:
+        """A fresh policy; collecting processes make one too and fetch its weights.
+
+        One with a state has ``make_tensordict_primer()``, which starts it at a reset.
+        """
+
+    def updated(self) -> Collection[str]:
+        return (POLICY,)
+
+
 class RewardMethod(Consumer):
     """What an explorer is rewarded for. One file of ``toponav/methods/rewards`` each.
 
@@ -118,6 +177,8 @@ class RewardMethod(Consumer):
     selection_metric: ClassVar[str | None] = "intrinsic_return"
     #: Key of the reward that the explorer learns from.
     reward_key: NestedKey
+    #: The TC-network that it judges views by, if any; the explorer publishes it.
+    novelty: Novelty | None = None
 
     def __init__(
         self, settings: ExploreConfig, world: World, networks: Networks | None
@@ -126,7 +187,7 @@ class RewardMethod(Consumer):
         self.config = settings.reward
 
     def modules(self) -> dict[str, nn.Module]:
-        """What collecting processes need of it, by the name it is published under."""
+        """What else collecting processes need, by the name it is published under."""
         return {}
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:

@@ -34,6 +34,7 @@ class ExplorationReport:
         world: World,
         folder: Path,
         state: ExplorationState,
+        log: EpisodeLog,
         consumers: Mapping[str, Consumer],
     ) -> None:
         self.config = settings.report
@@ -41,8 +42,6 @@ class ExplorationReport:
         self.folder = folder
         self.state = state
         self.consumers = consumers
-        log = consumers["episodes"]
-        assert isinstance(log, EpisodeLog)
         self.log = log
         self.loggers = make_loggers(folder)
         self.bar = tqdm(

@@ -6,12 +6,19 @@ from functools import partial
 from pathlib import Path
 
 from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from toponav.builders import NETWORKS, Consumer, Networks, RewardMethod, World
+from toponav.builders import (
+    NETWORKS,
+    Consumer,
+    Learner,
+    Networks,
+    RewardMethod,
+    World,
+)
 from toponav.config import ExploreConfig
-from toponav.methods import LEARNERS, ActorCriticLearner
-from toponav.modules import ActorCritic
+from toponav.methods import LEARNERS
 from toponav.training.continued_training import ContinuedTraining, LocomotionFinetuner
 from toponav.training.episode_log import EpisodeLog, mean_of
 from toponav.training.exploration_state import ExplorationState
@@ -77,7 +84,7 @@ def make_learner(
     reward: RewardMethod,
     state: ExplorationState,
     folder: Path,
-) -> ActorCriticLearner:
+) -> Learner:
     """The learner that the settings name; ``state`` gives it the run's progress."""
     return LEARNERS[settings.loss.name](
         settings,
@@ -92,12 +99,12 @@ def make_consumers(
     settings: ExploreConfig,
     world: World,
     networks: Networks | None,
-    learner: ActorCriticLearner,
+    learner: Learner,
     reward: RewardMethod,
     state: ExplorationState,
     folder: Path,
-) -> dict[str, Consumer]:
-    """Whoever takes the batches, in the order in which they get them.
+) -> tuple[EpisodeLog, dict[str, Consumer]]:
+    """The log, and whoever takes the batches, in the order in which they get them.
 
     The log comes before those that ask which episodes have ended. What is switched off
     is not in it, and without networks there is no map.
@@ -111,7 +118,7 @@ def make_consumers(
         )
     consumers["reward"] = reward
     if networks is None:
-        return consumers
+        return log, consumers
     check = partial(require_finite, folder=folder)
     if settings.map.grow:
         consumers["map"] = MapGrowth(settings, world, networks)
@@ -126,7 +133,7 @@ def make_consumers(
         consumers["locomotion"] = LocomotionFinetuner(
             settings, networks, partial(check, setting="locomotion.lr")
         )
-    return consumers
+    return log, consumers
 
 
 def needed_keys(consumers: Mapping[str, Consumer]) -> list[NestedKey]:
@@ -137,17 +144,17 @@ def needed_keys(consumers: Mapping[str, Consumer]) -> list[NestedKey]:
 def trained_policies(
     settings: ExploreConfig,
     world: World,
-    learner: ActorCriticLearner,
+    learner: Learner,
     consumers: Mapping[str, Consumer],
-) -> dict[str, ActorCritic]:
+) -> dict[str, TensorDictModuleBase]:
     """The policies to evaluate, on the CPU: the last, and the best if one was kept.
 
     A run too short to choose from has the last policy as its best, too.
     """
     last = learner.policy.cpu()
-    kept = consumers.get("best")
-    if not isinstance(kept, BestPolicy):
+    if "best" not in consumers:
         return {"last": last}
     best = learner.make_policy(settings, world)
-    best.load_state_dict(kept.weights or last.state_dict())
+    kept = consumers["best"].state_dict()["weights"]
+    best.load_state_dict(kept or last.state_dict())
     return {"best": best, "last": last}

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import torch
+from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torchrl.envs import Compose, EnvBase, InitTracker, StepCounter, TransformedEnv
 from torchrl.envs.transforms import Transform
@@ -10,7 +11,6 @@ from torchrl.envs.transforms import Transform
 from toponav.builders import NETWORKS, POLICY, Networks, Novelty, RewardMethod, World
 from toponav.collectors import StaggeredEpisodes
 from toponav.config import ExploreConfig
-from toponav.modules import ActorCritic
 from toponav.transforms import (
     AreaDownsample,
     Coverage,
@@ -29,7 +29,7 @@ COVERAGE_LEVELS = (0.5, 0.9, 1.0)
 class Explorer:
     """A policy, its reward method, and the TC-network if the run has one."""
 
-    policy: ActorCritic
+    policy: TensorDictModuleBase
     reward: RewardMethod
     novelty: Novelty | None  # embeds views, for the policy and the map
 
@@ -40,13 +40,12 @@ class Explorer:
 
 
 def make_explorer(
-    policy: ActorCritic, reward: RewardMethod, networks: Networks | None
+    policy: TensorDictModuleBase, reward: RewardMethod, networks: Networks | None
 ) -> Explorer:
     """An explorer; a reward method with a TC-network of its own shares that."""
-    novelty = reward.modules().get(NETWORKS)
+    novelty = reward.novelty
     if novelty is None and networks is not None:
         novelty = Novelty(networks.tc)
-    assert novelty is None or isinstance(novelty, Novelty)
     return Explorer(policy, reward, novelty)
 
 
@@ -91,5 +90,6 @@ def make_explore_env(
     if stagger:
         transforms.append(StaggeredEpisodes(world.episode_length))
     transforms += [InitTracker(), StepCounter()]
-    transforms.append(explorer.policy.make_tensordict_primer())
+    if hasattr(explorer.policy, "make_tensordict_primer"):
+        transforms.append(explorer.policy.make_tensordict_primer())
     return TransformedEnv(env, Compose(*transforms))

@@ -1,5 +1,6 @@
 """Learners. A new one is a file here and a line in `LEARNERS`."""
 
+from toponav.builders import Learner
 from toponav.methods.learners.a3c import A3CLearner
 from toponav.methods.learners.actor_critic import (
     ActorCriticLearner as ActorCriticLearner,
@@ -7,7 +8,7 @@ from toponav.methods.learners.actor_critic import (
 from toponav.methods.learners.ppo import PPOLearner
 
 #: By the name of their settings, ``conf/loss/<name>.yaml``.
-LEARNERS: dict[str, type[ActorCriticLearner]] = {
+LEARNERS: dict[str, type[Learner]] = {
     "ppo": PPOLearner,
     "a3c": A3CLearner,
 }

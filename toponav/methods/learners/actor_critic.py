@@ -1,17 +1,18 @@
 """`ActorCriticLearner`: what PPO and A3C have in common."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from omegaconf import MISSING
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 from torchrl.objectives import LossModule, ValueEstimators
 
-from toponav.builders import POLICY, Check, Consumer, World, make_device
+from toponav.builders import Learner, World
 from toponav.config import (
     ExploreConfig,
     LearnerConfig,
@@ -65,43 +66,22 @@ def linear_decay(share: float, progress: float) -> float:
     return 1 - (1 - share) * min(max(progress, 0.0), 1.0)
 
 
-class ActorCriticLearner(Consumer, ABC):
-    """A policy, its loss, its optimiser and the scale of its rewards.
+class ActorCriticLearner(Learner):
+    """A policy, its loss, its optimiser and the scale of its rewards."""
 
-    Args:
-        settings: of the run.
-        world: where the explorer acts.
-        reward: key of the reward to learn from.
-        check: called before every step of the optimiser with the losses and the number
-            of the update; raises if one is not finite.
-        progress: how much of the run is over, in [0, 1].
-    """
-
-    #: What the subclass calls its settings.
-    schema: type[ActorCriticConfig]
+    schema = ActorCriticConfig
+    config: ActorCriticConfig
+    policy: ActorCritic
     saved: Sequence[str] = ("policy", "optimizer", "scale", "updates")
 
-    def __init__(
-        self,
-        settings: ExploreConfig,
-        world: World,
-        *,
-        reward: NestedKey,
-        check: Check,
-        progress: Callable[[], float],
-    ) -> None:
-        assert isinstance(settings.loss, self.schema)
-        self.config = config = settings.loss
-        self.device = make_device(settings.device)
-        self.policy = self.make_policy(settings, world).to(self.device)
-        self.check = check
-        self.progress = progress
-        self.updates = 0
+    def __init__(self, settings: ExploreConfig, world: World, **given: Any) -> None:
+        super().__init__(settings, world, **given)
+        config, self.updates = self.config, 0
         self.scale = ReturnScale(
             settings.collect.envs,
             gamma=config.gamma,
             enabled=config.normalize_returns,
-            reward=reward,
+            reward=self.reward,
         )
         self.loss = self.make_loss()
         self.loss.make_value_estimator(
@@ -111,13 +91,17 @@ class ActorCriticLearner(Consumer, ABC):
         self.loss.set_keys(reward=SCALED_REWARD)
         self.optimizer = self.make_optimizer()
         seen = self.policy.in_keys
-        later = [*(key for key in seen if key != IS_INIT), DONE, TERMINATED, reward]
+        later = [
+            *(key for key in seen if key != IS_INIT),
+            DONE,
+            TERMINATED,
+            self.reward,
+        ]
         now = [*seen, ACTION, ACTION_LOG_PROB, STATE_VALUE]
         self.in_keys = [*now, *(("next", key) for key in later)]
 
     @staticmethod
     def make_policy(settings: ExploreConfig, world: World) -> ActorCritic:
-        """A fresh policy; collecting processes make one too and fetch its weights."""
         policy = settings.policy
         return ActorCritic(
             input=policy.input,  # type: ignore[arg-type]
@@ -160,9 +144,6 @@ class ActorCriticLearner(Consumer, ABC):
             for name in measured[0]
         }
         return means | {"lr": lr}
-
-    def updated(self) -> Collection[str]:
-        return (POLICY,)
 
     def _step(self, batch: TensorDictBase) -> dict[str, float]:
         losses = self.loss(batch)

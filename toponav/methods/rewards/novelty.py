@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from tensordict import NestedKey
-from torch import Tensor, nn
+from torch import Tensor
 from torchrl.envs.transforms import Transform
 
 from toponav.builders import (
-    NETWORKS,
     Networks,
     Novelty,
     RewardMethod,
@@ -76,6 +75,7 @@ class NoveltyMethod(RewardMethod):
 
     schema = NoveltyConfig
     config: NoveltyConfig
+    novelty: Novelty
     needs_networks = True
     embeds = True
     reward_key = INTRINSIC_REWARD
@@ -93,9 +93,6 @@ class NoveltyMethod(RewardMethod):
             word, found = self.config.threshold, networks.thresholds
             threshold = threshold_of("reward.threshold", word, _CALIBRATED, found)
             self.novelty = Novelty(networks.tc, threshold)
-
-    def modules(self) -> dict[str, nn.Module]:
-        return {NETWORKS: self.novelty}
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         config = self.config

@@ -8,7 +8,7 @@ from toponav.methods.worlds.gym import GymWorld
 from toponav.methods.worlds.maze import MazeWorld
 
 #: By the name of their settings, ``conf/world/<name>.yaml``.
-WORLDS: dict[str, type[MazeWorld] | type[GymWorld]] = {
+WORLDS: dict[str, type[World]] = {
     "maze": MazeWorld,
     "gym": GymWorld,
 }

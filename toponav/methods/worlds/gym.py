@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from omegaconf import MISSING
 from torchrl.envs import EnvBase
 
+from toponav.builders import World
 from toponav.config import ExploreConfig, PretrainConfig, WorldConfig, refusing
-from toponav.envs import Layout, make_pixel_env
-from toponav.worlds import WorldSpec
+from toponav.envs import make_pixel_env
 
 
 @dataclass
@@ -18,7 +18,7 @@ class GymWorldConfig(WorldConfig):
     render: bool = MISSING
 
 
-class GymWorld:
+class GymWorld(World):
     """A Gymnasium environment, without ground truth.
 
     Raises:
@@ -33,9 +33,9 @@ class GymWorld:
         self.config = config = settings.world
         self.name = config.label
         self.episode_length = config.episode_length
-        self.layout: Layout | None = None
+        self.layout = None
         env = self.make_env(batch_size=1, seed=0)
-        self.spec: WorldSpec = env.world
+        self.spec = env.world
         env.close()
 
     def make_env(

@@ -4,10 +4,8 @@ from dataclasses import dataclass, replace
 
 from torchrl.envs import EnvBase
 
-from toponav.builders import engine_world, make_env, make_layout
+from toponav.builders import World, engine_world, make_env, make_layout
 from toponav.config import ExploreConfig, PretrainConfig, WorldConfig
-from toponav.envs import Layout
-from toponav.worlds import WorldSpec
 
 
 @dataclass
@@ -17,7 +15,7 @@ class MazeWorldConfig(WorldConfig):
     group = "maze"
 
 
-class MazeWorld:
+class MazeWorld(World):
     """A maze: it reports poses, cells and slots, so that coverage can be reported.
 
     Raises:
@@ -28,10 +26,10 @@ class MazeWorld:
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
         self.maze, self.engine = settings.maze, settings.engine
-        self.spec: WorldSpec = engine_world(self.engine)
+        self.spec = engine_world(self.engine)
         self.name = self.maze.name
         self.episode_length = self.maze.episode_length
-        self.layout: Layout | None = make_layout(self.maze)
+        self.layout = make_layout(self.maze)
 
     def make_env(
         self,
