@@ -239,7 +239,7 @@ def test_a_loss_that_explodes_stops_the_run(networks: Path, tmp_path: Path) -> N
     ("override", "sentence"),
     [
         ("reward.alpah=0.2", "(did you mean 'reward.alpha'?)"),
-        ("reward.clip=1", "(did you mean 'reward.capacity'?)"),
+        ("reward.clip=1", "(did you mean 'reward.alpha'?)"),
         ("maze=maze9", "got 'maze9' (did you mean 'maze"),
         ("reward=rdn", "got 'rdn' (did you mean 'rnd'?)"),
         ("engine=vizdom", "engine must be one of"),
