@@ -80,8 +80,8 @@ def test_a_sweep_makes_readable_folders(tmp_path: Path) -> None:
         ),
         (
             ["maze=maze1", "maze.apples=60"],
-            "tour: maze: apples must be at least 0 and at most 47 in maze1 (one cell each, beside "
-            "start and goal), got 60",
+            "tour: maze: apples must be at least 0 and at most 47 in maze1 (one cell "
+            "each, beside start and goal), got 60",
         ),
     ],
 )
