@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from toponav.builders import make_env
+from toponav.builders import collect_rollout, make_env
 from toponav.config import TourConfig
 from toponav.keys import CELL, HEADING, PIXELS, POSITION, RESPAWNED, REWARD
 from toponav.launch import recipe
@@ -34,11 +34,12 @@ from toponav.policies import PathFollower
 def main(settings: TourConfig, folder: Path) -> None:
     """Draw the plan, walk, and write the pictures and the video."""
     # The maze, with the ground truth that the oracle and the pictures need.
+    seed, engine = settings.seed, settings.engine
     env = make_env(
-        settings.maze, engine=settings.engine, seed=settings.seed, privileged=True
+        settings.maze, engine=engine, batch_size=1, seed=seed, privileged=True
     )
     try:
-        first = env.reset()
+        env.reset()
         scene, layout, motion = env.games.scenes[0], env.layout, env.world.motion
         assert motion is not None  # a maze reports poses
         mask = torch.from_numpy(layout.open_mask)
@@ -56,16 +57,16 @@ def main(settings: TourConfig, folder: Path) -> None:
         oracle = PathFollower(
             mask, world=env.world, slot_cells=list(layout.slots.values())
         )
+        env.set_seed(seed)  # the walk begins in the scene of the plan
         with tqdm(total=settings.decisions, unit="decision", desc="walk") as bar:
-            walk = env.rollout(
-                settings.decisions,
+            walk = collect_rollout(
+                env,
                 oracle,
-                auto_reset=False,
-                tensordict=first,
-                break_when_any_done=False,
-                callback=lambda *_: bar.update(),
-            )
-            bar.update()  # the last decision has no callback
+                settings.decisions,
+                keep=[PIXELS, POSITION, HEADING, CELL],
+                keep_next=[RESPAWNED, REWARD],
+                progress=bar.update,
+            ).frames[0]
     finally:
         env.close()
     positions, headings = walk[POSITION].numpy(), walk[HEADING].squeeze(-1).numpy()

@@ -12,6 +12,7 @@ from tensordict import NestedKey
 
 # --- the environment -------------------------------------------------------
 #: uint8 [H, W, 3]; the view, RGB. Env -> AreaDownsample, PolicyPixels, Navigator.
+#: NoisyTV, a part of the world, writes noise into it; nothing else is overwritten.
 PIXELS: NestedKey = "pixels"
 #: uint8 [H / f, W / f, 3]; the view as the networks read it, f = 2 for an encoder that
 #: halves views, else 1. AreaDownsample -> WaypointMemory, frame buffers, map.

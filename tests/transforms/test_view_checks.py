@@ -93,3 +93,9 @@ def test_embeddings_of_a_network_are_not_its_weights():
         network.scale.fill_(2.0)
     after = env.rand_step(before)["next"]
     assert torch.equal(after["embedding"], after[PIXELS].float().mean((1, 2)) * 2)
+
+
+def test_nothing_but_the_noisy_tv_writes_over_its_views():
+    made = [reader() for reader in READERS]
+    over = [one for one in made if set(one.in_keys) & set(one.out_keys)]
+    assert [type(one) for one in over] == [NoisyTV]

@@ -44,6 +44,8 @@ NOISE_LAWS: Mapping[str, NoiseLaw] = {
 class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     """Covers one quadrant of the view with noise that is fresh in each decision.
 
+    The noise is a part of the world: this is the one transform that writes over its
+    views, unless ``out_keys`` are given, so that whoever reads ``pixels`` sees it.
     Each episode of an env draws a quadrant and keeps it. All ``in_keys`` of an env show
     the same noise. One generator serves the whole batch, on the CPU: the same seed and
     resets give the same noise on every device. Copies in several workers need different
