@@ -22,6 +22,8 @@ def test_a_run_has_its_folder_to_itself(tmp_path: Path) -> None:
     (tmp_path / "run" / "config").mkdir(parents=True)
     with FileLock(tmp_path / "run" / "config" / ".lock"):
         done = tour(tmp_path, "hydra.run.dir=run")
+        # The folder of the other run, which has written nothing yet, is left alone.
+        assert (tmp_path / "run" / "config" / ".lock").exists()
     assert done.returncode == 2
     assert done.stderr.strip() == (
         "tour: a run must have its folder to itself, got one that another run is "

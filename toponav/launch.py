@@ -110,24 +110,28 @@ def _run_job(
     own = None if job.output_subdir is None else folder / job.output_subdir
     world = OmegaConf.select(cfg, "world.name", default="maze")
     try:
-        for word in job.overrides.task:
-            key = word.lstrip("+~").partition("=")[0]
-            rule = f"'{key}' must go with world=maze"
-            of_maze = key.split(".")[0] == "maze"
-            require(world == "maze" or not of_maze, rule, f"world={world}")
-        settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+        # The lock comes first: who does not get it must not remove the other's folder.
         with nullcontext() if own is None else alone_in(own):
-            function(settings, folder)
+            try:
+                for word in job.overrides.task:
+                    key = word.lstrip("+~").partition("=")[0]
+                    rule = f"'{key}' must go with world=maze"
+                    of_maze = key.split(".")[0] == "maze"
+                    require(world == "maze" or not of_maze, rule, f"world={world}")
+                settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+                function(settings, folder)
+            except _REFUSALS:
+                if own is not None and not OmegaConf.select(cfg, "resume"):
+                    remove_unused(folder, {own.name, f"{job.job.name}.log"})
+                raise
     except (*_REFUSALS, *_FAILURES) as error:
-        refused = isinstance(error, _REFUSALS)
-        if refused and own is not None and not OmegaConf.select(cfg, "resume"):
-            remove_unused(folder, {own.name, f"{job.job.name}.log"})
         if job.mode is not RunMode.MULTIRUN:
             with _one_sentence(name):
                 raise
         # Hydra goes on with the next job, and raises the first error at the end.
         overrides = " ".join(job.overrides.task)
         print(f"{name}: {_sentence(error, name)} ({overrides})", file=sys.stderr)  # noqa: T201
+        refused = isinstance(error, _REFUSALS)
         raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
 
 
