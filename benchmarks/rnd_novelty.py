@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from toponav.envs import MazeEnv, load_maze
 from toponav.keys import CELL, PIXELS, POLICY_PIXELS
-from toponav.modules import RandomNetworkDistillation
+from toponav.methods.rewards import RandomNetworkDistillation
 from toponav.policies import StickyPolicy, forward_weights
 from toponav.transforms import PolicyPixels
 

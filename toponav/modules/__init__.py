@@ -11,4 +11,7 @@ from toponav.modules.pair_networks import (
     LocomotionHead as LocomotionHead,
     TCNetwork as TCNetwork,
 )
-from toponav.modules.rnd import RandomNetworkDistillation as RandomNetworkDistillation
+from toponav.modules.pixels import (
+    check_pixels as check_pixels,
+    start_orthogonal as start_orthogonal,
+)

@@ -5,7 +5,10 @@ from toponav.config import ExploreConfig
 from toponav.methods.rewards.coverage import CoverageMethod
 from toponav.methods.rewards.novelty import NoveltyMethod
 from toponav.methods.rewards.random import RandomMethod
-from toponav.methods.rewards.rnd import RNDMethod
+from toponav.methods.rewards.rnd import (
+    RandomNetworkDistillation as RandomNetworkDistillation,
+    RNDMethod,
+)
 
 #: By the name of their settings, ``conf/reward/<name>.yaml``.
 REWARDS = {

@@ -8,7 +8,7 @@ from torchrl.envs.utils import check_env_specs
 from torchrl.objectives.rnd import RNDLoss
 
 from tests.fakes import FakeMaze
-from toponav.modules import RandomNetworkDistillation
+from toponav.methods.rewards import RandomNetworkDistillation
 from toponav.transforms import PolicyPixels
 
 SIZE = (40, 36)
