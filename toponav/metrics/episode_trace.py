@@ -9,15 +9,7 @@ from scipy.stats import entropy
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from toponav.keys import (
-    CELL,
-    COVERAGE,
-    HEADING,
-    INTRINSIC_REWARD,
-    IS_NEW_WAYPOINT,
-    POSITION,
-    SPURIOUS_WAYPOINT,
-)
+from toponav import keys
 from toponav.metrics.statistics import Bools, Floats, Ints
 
 
@@ -38,7 +30,7 @@ class EpisodeTrace:
 
 
 def trace_episode(
-    episode: TensorDictBase, *, reward: NestedKey = INTRINSIC_REWARD
+    episode: TensorDictBase, *, reward: NestedKey = keys.INTRINSIC_REWARD
 ) -> EpisodeTrace:
     """The ``T + 1`` observations of an episode ``[T]`` of a rollout or a collector.
 
@@ -61,14 +53,14 @@ def trace_episode(
 
     rewards = after.get(reward, none).double()
     return EpisodeTrace(
-        positions=observed(POSITION),
-        headings=observed(HEADING)[:, 0],
-        cells=join(before[CELL], after[CELL]),
+        positions=observed(keys.POSITION),
+        headings=observed(keys.HEADING)[:, 0],
+        cells=join(before[keys.CELL], after[keys.CELL]),
         # A reward beside the first observation is of the episode before.
         reward=join(none[:1], rewards)[:, 0],
-        coverage=observed(COVERAGE)[:, 0],
-        is_new_waypoint=marked(IS_NEW_WAYPOINT),
-        spurious_waypoint=marked(SPURIOUS_WAYPOINT),
+        coverage=observed(keys.COVERAGE)[:, 0],
+        is_new_waypoint=marked(keys.IS_NEW_WAYPOINT),
+        spurious_waypoint=marked(keys.SPURIOUS_WAYPOINT),
     )
 
 

@@ -8,36 +8,23 @@ import torch
 from numpy.typing import ArrayLike
 from tensordict import NestedKey, TensorDictBase
 
+from toponav import keys
 from toponav.ground_truth import GroundTruthDistances
-from toponav.keys import (
-    BLOCKED,
-    CELL,
-    CUT_FROM,
-    CUT_TO,
-    GOAL_CELL,
-    GOAL_NODE,
-    HEADING,
-    LOST,
-    PLACE,
-    POSITION,
-    RESPAWNED,
-    REWARD,
-    TARGET,
-)
 from toponav.metrics.statistics import Bools, Floats, Ints
 
 #: What only a navigator decides.
 _DECIDED: dict[str, NestedKey] = {
-    "place": PLACE,
-    "target": TARGET,
-    "goal_node": GOAL_NODE,
-    "cut_from": CUT_FROM,
-    "cut_to": CUT_TO,
-    "lost": LOST,
+    "place": keys.PLACE,
+    "target": keys.TARGET,
+    "goal_node": keys.GOAL_NODE,
+    "cut_from": keys.CUT_FROM,
+    "cut_to": keys.CUT_TO,
+    "lost": keys.LOST,
 }
 #: What a trace reads at a decision, and what after it.
-TRACE_KEYS = [POSITION, HEADING, CELL, GOAL_CELL, BLOCKED, *_DECIDED.values()]
-TRACE_NEXT_KEYS = [REWARD, RESPAWNED]
+TRACE_KEYS = [keys.POSITION, keys.HEADING, keys.CELL, keys.GOAL_CELL, keys.BLOCKED]
+TRACE_KEYS += _DECIDED.values()
+TRACE_NEXT_KEYS = [keys.REWARD, keys.RESPAWNED]
 
 
 @dataclass(frozen=True)
@@ -86,16 +73,16 @@ def trace_navigation(episodes: TensorDictBase) -> NavigationTrace:
     shape, after = episodes.batch_size, episodes.get("next")
     decided = {}
     for name, key in _DECIDED.items():
-        nothing = torch.full((*shape, 1), False if key == LOST else -1)
+        nothing = torch.full((*shape, 1), False if key == keys.LOST else -1)
         decided[name] = np.asarray(episodes.get(key, nothing).cpu()).reshape(shape)
     return NavigationTrace(
-        positions=np.asarray(episodes[POSITION].cpu(), np.float64),
-        headings=np.asarray(episodes[HEADING].cpu(), np.float64).reshape(shape),
-        cells=np.asarray(episodes[CELL].cpu(), np.int64),
-        goal_cells=np.asarray(episodes[GOAL_CELL].cpu(), np.int64),
-        blocked=np.asarray(episodes[BLOCKED].cpu(), bool),
-        reward=np.asarray(after[REWARD].cpu(), np.float64).reshape(shape),
-        reached=np.asarray(after[RESPAWNED].cpu(), bool).reshape(shape),
+        positions=np.asarray(episodes[keys.POSITION].cpu(), np.float64),
+        headings=np.asarray(episodes[keys.HEADING].cpu(), np.float64).reshape(shape),
+        cells=np.asarray(episodes[keys.CELL].cpu(), np.int64),
+        goal_cells=np.asarray(episodes[keys.GOAL_CELL].cpu(), np.int64),
+        blocked=np.asarray(episodes[keys.BLOCKED].cpu(), bool),
+        reward=np.asarray(after[keys.REWARD].cpu(), np.float64).reshape(shape),
+        reached=np.asarray(after[keys.RESPAWNED].cpu(), bool).reshape(shape),
         **decided,
     )
 

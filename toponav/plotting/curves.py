@@ -12,22 +12,7 @@ from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 
 from toponav.metrics import correlation, running_mean, success_within
-from toponav.plotting.style import (
-    BLUE,
-    DASHES,
-    GREEN,
-    GREY,
-    LINE,
-    ORANGE,
-    PALETTE,
-    RED,
-    THIN,
-    add_levels,
-    new_figure,
-    show_percent,
-    show_thousands,
-    style_axes,
-)
+from toponav.plotting import style
 
 #: Columns by name, or rows with a number by name each; NaN where there is none.
 Table = Mapping[str, ArrayLike] | Sequence[Mapping[str, float]]
@@ -53,18 +38,18 @@ def draw_curves(
         >>> history = [{"update": 1, "loss": 0.7}, {"update": 2, "loss": 0.6}]
         >>> figure = draw_curves(history, panels={"Loss": ["loss"]}, x="update")
     """
-    figure = new_figure(4.2 * len(panels), 3.4)
+    figure = style.new_figure(4.2 * len(panels), 3.4)
     row = figure.subplots(1, len(panels), squeeze=False)[0]
     for axes, (heading, names) in zip(row, panels.items(), strict=True):
         shown = [name for name in names if history and name in history[-1]]
-        for name, colour in zip(shown, cycle(PALETTE), strict=False):
+        for name, colour in zip(shown, cycle(style.PALETTE), strict=False):
             points = [(entry[x], entry[name]) for entry in history if name in entry]
-            look: dict[str, Any] = {"marker": ".", "linewidth": THIN, "color": colour}
-            label = f"{name} {points[-1][1]:.3f}"
-            axes.plot(*zip(*points, strict=True), label=label, **look)
+            places, values = zip(*points, strict=True)
+            label = f"{name} {values[-1]:.3f}"
+            axes.plot(places, values, ".-", lw=style.THIN, c=colour, label=label)
         if heading in percent:
             axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-        style_axes(axes, title=heading, x=x)
+        style.finish(axes, title=heading, x=x)
     return figure
 
 
@@ -90,16 +75,16 @@ def draw_training(
     """
     per_episode, reported = _to_frame(episodes), _to_frame(metrics)
     has_coverage = bool(levels) or _has_values(per_episode, "coverage")
-    figure = new_figure(12, 6.8, title=title)
+    figure = style.new_figure(12, 6.8, title=title)
     # Twelve columns: the panels of a row share them, however many there are.
     grid = figure.add_gridspec(2, 12, height_ratios=[1.5, 1.0])
     if has_coverage:
         axes = figure.add_subplot(grid[0, :6])
-        _draw_episodes(axes, per_episode, "coverage", BLUE, window)
-        add_levels(axes, {f"{name} {at:.0%}": at for name, at in levels.items()})
-        show_percent(axes)
+        _draw_episodes(axes, per_episode, "coverage", style.BLUE, window)
+        style.add_levels(axes, {f"{name} {at:.0%}": at for name, at in levels.items()})
+        style.show_percent(axes)
         heading = "Coverage of the training's episodes"
-        style_axes(axes, title=heading, x=_X, legend="lower right")
+        style.finish(axes, title=heading, x=_X, legend="lower right")
     axes = figure.add_subplot(grid[0, 6 if has_coverage else 0 :])
     _draw_return(axes, per_episode, reported, window)
     small = _small_panels(per_episode, reported)
@@ -109,11 +94,11 @@ def draw_training(
         _draw_columns(axes, table, names, window if table is per_episode else None)
         if heading.startswith("Waypoints"):
             axes.set_ylim(bottom=0)
-        style_axes(axes, title=heading, x=_X)
+        style.finish(axes, title=heading, x=_X)
     ends = pd.concat([per_episode["decisions"], reported["decisions"]])
     for axes in figure.axes:
         axes.set_xlim(0, (ends.max() if len(ends) else 1.0) * 1.02)
-        show_thousands(axes)
+        style.show_thousands(axes)
     return figure
 
 
@@ -134,7 +119,7 @@ def _draw_episodes(
     x, y = episodes["decisions"], episodes[name]
     axes.plot(x, y, ".", color=colour, alpha=0.3, markersize=4, label="episodes")
     label = f"mean of the last {window}"
-    axes.plot(x, running_mean(y, window), color=colour, linewidth=LINE, label=label)
+    axes.plot(x, running_mean(y, window), c=colour, lw=style.LINE, label=label)
 
 
 def _draw_return(
@@ -146,22 +131,22 @@ def _draw_return(
         together = correlation(episodes["intrinsic_return"], episodes["coverage"])
         if np.isfinite(together):
             heading += f" (correlation with coverage {together:.2f})"
-    _draw_episodes(axes, episodes, "intrinsic_return", GREEN, window)
+    _draw_episodes(axes, episodes, "intrinsic_return", style.GREEN, window)
     parts = [name for name in episodes if name.endswith("_return")]
     parts = [name for name in parts if name != "intrinsic_return"]
-    for name, colour in zip(parts, cycle((ORANGE, RED, *PALETTE)), strict=False):
-        y = running_mean(episodes[name], window)
+    colours = cycle((style.ORANGE, style.RED, *style.PALETTE))
+    for name, colour in zip(parts, colours, strict=False):
+        x, y = episodes["decisions"], running_mean(episodes[name], window)
         label = name.removesuffix("_return").replace("_", " ") + " part"
-        look: dict[str, Any] = {"color": colour, "linestyle": "--", "linewidth": THIN}
-        axes.plot(episodes["decisions"], y, label=label, **look)
+        axes.plot(x, y, "--", c=colour, lw=style.THIN, label=label)
     if axes.lines:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     if "networks_version" in metrics:
         is_new = metrics["networks_version"].diff() > 0
         for number, place in enumerate(metrics["decisions"][is_new]):
             once = None if number else "new networks"
-            axes.axvline(place, color=GREY, linewidth=0.8, label=once)
-    style_axes(axes, title=heading, x=_X)
+            axes.axvline(place, color=style.GREY, linewidth=0.8, label=once)
+    style.finish(axes, title=heading, x=_X)
 
 
 def _small_panels(
@@ -191,12 +176,13 @@ def _draw_columns(
 ) -> None:
     """Draw columns without their gaps, as running means if there is a window."""
     names = [name for name in labels if _has_values(table, name)]
-    for name, colour in zip(names, cycle((BLUE, RED, *PALETTE)), strict=False):
+    colours = cycle((style.BLUE, style.RED, *style.PALETTE))
+    for name, colour in zip(names, colours, strict=False):
         known = table[["decisions", name]].dropna()
         x, y = known["decisions"], known[name].to_numpy()
         y = y if window is None else running_mean(y, window)
         mark, label = "." if len(x) < 20 else None, f"{labels[name]} {y[-1]:.3g}"
-        axes.plot(x, y, marker=mark, color=colour, lw=THIN, label=label)
+        axes.plot(x, y, marker=mark, color=colour, lw=style.THIN, label=label)
 
 
 def draw_success(
@@ -214,16 +200,16 @@ def draw_success(
         >>> figure.axes[0].lines[0].get_label()
         'ours 75%'
     """
-    figure = new_figure(5.6, 3.8, title=title)
+    figure = style.new_figure(5.6, 3.8, title=title)
     axes = figure.subplots()
     times = np.arange(decisions + 1)
-    looks = zip(cycle(PALETTE), cycle(DASHES), strict=False)
+    looks = zip(cycle(style.PALETTE), cycle(style.DASHES), strict=False)
     for (name, taken), (colour, dashes) in zip(first.items(), looks, strict=False):
         share = success_within(taken, times)
-        look: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": LINE}
-        axes.step(times, share, where="post", label=f"{name} {share[-1]:.0%}", **look)
-    show_percent(axes)
+        look: dict[str, Any] = {"c": colour, "ls": dashes, "label": f"{name} {share[-1]:.0%}"}
+        axes.step(times, share, where="post", lw=style.LINE, **look)
+    style.show_percent(axes)
     axes.set_xlim(0, decisions)
-    x = "decisions since the start of the episode"
-    style_axes(axes, x=x, y="episodes that reached their goal", legend="lower right")
+    x, legend = "decisions since the start of the episode", "lower right"
+    style.finish(axes, x=x, y="episodes that reached their goal", legend=legend)
     return figure

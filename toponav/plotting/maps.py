@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from toponav.metrics import EpisodeTrace, effective_cells, occupancy
+from toponav.plotting import style
 from toponav.plotting.plan import (
     AGENT,
     START,
@@ -20,24 +21,11 @@ from toponav.plotting.plan import (
     draw_trajectory,
     figure_of_plan,
 )
-from toponav.plotting.style import (
-    BLUE,
-    GREEN,
-    INK,
-    RED,
-    SKY,
-    WHITE,
-    add_dots,
-    add_heading,
-    add_legend_below,
-    add_lines,
-    new_figure,
-)
 
-WAYPOINT, SPURIOUS = WHITE, RED
+WAYPOINT, SPURIOUS = style.WHITE, style.RED
 _EDGE, _CUT = "#8c9bab", "#c1121f"
 # From a light blue that a visited cell has at least, to black.
-_TIMES = ["#d6e6f2", SKY, BLUE, "#12263a"]
+_TIMES = ["#d6e6f2", style.SKY, style.BLUE, "#12263a"]
 
 
 def reward_limits(reward: ArrayLike) -> tuple[float, float]:
@@ -54,7 +42,7 @@ def draw_exploration(trace: EpisodeTrace, plan: FloorPlan) -> Figure:
 
     Waypoints are drawn and counted where the episode has any.
     """
-    figure = new_figure(12.5, 5.6)
+    figure = style.new_figure(12.5, 5.6)
     left, right = figure.subplots(1, 2)
     plan.draw(left)
     reward, limits = trace.reward, reward_limits(trace.reward)
@@ -66,17 +54,17 @@ def draw_exploration(trace: EpisodeTrace, plan: FloorPlan) -> Figure:
     if trace.is_new_waypoint.any():
         spurious = trace.is_new_waypoint & trace.spurious_waypoint
         sound = trace.positions[trace.is_new_waypoint & ~spurious]
-        add_dots(left, sound, 26, "waypoint")
+        style.add_dots(left, sound, 26, "waypoint")
         look = {"marker": "X", "c": SPURIOUS, "edgecolors": "white"}
-        add_dots(left, trace.positions[spurious], 42, "spurious waypoint", **look)
+        style.add_dots(left, trace.positions[spurious], 42, "spurious waypoint", **look)
         # The first waypoint, which every episode has, cannot be spurious.
         new, later = trace.is_new_waypoint.sum(), trace.is_new_waypoint[1:].sum()
         wrong = trace.spurious_waypoint[1:].sum()
         title += f";\n{new} waypoints, {wrong} of {later} new ones spurious"
     draw_agent(left, trace.positions[0], trace.headings[0], colour=START, label="start")
     draw_agent(left, trace.positions[-1], trace.headings[-1], colour=AGENT, label="end")
-    add_heading(left, title)
-    add_legend_below(left)
+    style.add_heading(left, title)
+    style.add_legend_below(left)
     plan.draw(right)
     _draw_occupancy(right, trace.cells, plan)
     return figure
@@ -97,7 +85,7 @@ def _draw_occupancy(axes: Axes, cells: np.ndarray, plan: FloorPlan) -> None:
     look = {"label": "share of the time", "fraction": 0.04, "pad": 0.03}
     axes.figure.colorbar(image, ax=axes, format=PercentFormatter(1.0), **look)
     busiest = np.sort(share, axis=None)[-5:].sum()
-    add_heading(
+    style.add_heading(
         axes,
         f"{(share > 0).sum()} of {floor.sum()} cells visited (hatched: never), "
         f"time spread as over {effective_cells(share):.0f};\n"
@@ -125,10 +113,10 @@ def draw_topological_map(
     _draw_edges(axes, places[:, :2], edges, edge_cost, np.asarray(spurious))
     turn, reach = np.deg2rad(places[:, 2]), 0.14 * plan.cell_size
     tips = places[:, :2] + reach * np.stack([np.cos(turn), np.sin(turn)], 1)
-    add_lines(axes, np.stack([places[:, :2], tips], 1), INK, 0.5, zorder=4)
+    style.add_lines(axes, np.stack([places[:, :2], tips], 1), style.INK, 0.5, zorder=4)
     size = float(np.clip(300 / np.sqrt(max(len(places), 1)), 3, 22))
-    add_dots(axes, places, size, f"{len(places):,} waypoints with their headings")
-    add_legend_below(axes)
+    style.add_dots(axes, places, size, f"{len(places):,} waypoints with their headings")
+    style.add_legend_below(axes)
     return figure
 
 
@@ -152,9 +140,9 @@ def draw_graph(
     places = np.array(list(layout.values())).reshape(-1, 2)
     figure, axes = figure_of_plan(None, (8.6, 8.2), title)
     _draw_edges(axes, places, edges, edge_cost, np.zeros(len(edges), bool))
-    add_dots(axes, places, 14, f"{num_waypoints:,} waypoints")
+    style.add_dots(axes, places, 14, f"{num_waypoints:,} waypoints")
     axes.set_axis_off()
-    add_legend_below(axes, 0.02)
+    style.add_legend_below(axes, 0.02)
     return figure
 
 
@@ -166,13 +154,13 @@ def _draw_edges(
     # Many edges hide the plan: the more there are, the thinner they are.
     thin = float(np.clip(40 / np.sqrt(max(len(edges), 1)), 0.35, 1.6))
     for some, colour, width, name in (
-        (~walked & ~spurious, SKY, 0.6 * thin, "only seen"),
-        (walked & ~spurious, BLUE, thin, "walked"),
-        (spurious, RED, 1.3 * thin, "spurious"),
+        (~walked & ~spurious, style.SKY, 0.6 * thin, "only seen"),
+        (walked & ~spurious, style.BLUE, thin, "walked"),
+        (spurious, style.RED, 1.3 * thin, "spurious"),
     ):
         if some.any():
             label = f"{some.sum():,} edges {name}"
-            add_lines(axes, ends[some], colour, width, label=label)
+            style.add_lines(axes, ends[some], colour, width, label=label)
 
 
 def draw_leg(
@@ -201,14 +189,14 @@ def draw_leg(
     figure, axes = figure_of_plan(plan, (7, 7), title)
     places, path = np.asarray(waypoints, float), np.asarray(walked, float)
     joined = places[np.asarray(edges, int).reshape(-1, 2)]
-    add_lines(axes, joined, _EDGE, 0.5, label="edge", zorder=2.2)
-    add_dots(axes, places, 7, "waypoint", c=_EDGE, edgecolors=_EDGE, zorder=2.4)
+    style.add_lines(axes, joined, _EDGE, 0.5, label="edge", zorder=2.2)
+    style.add_dots(axes, places, 7, "waypoint", c=_EDGE, edgecolors=_EDGE, zorder=2.4)
     first = places[np.asarray(planned, int)]
-    axes.plot(*first.T, color=GREEN, lw=2.4, ls="--", zorder=3.2, label="first plan")
+    axes.plot(*first.T, "--", c=style.GREEN, lw=2.4, zorder=3.2, label="first plan")
     axes.plot(*path.T, color=AGENT, lw=1.8, alpha=0.9, zorder=3.6, label="walked")
     closed = places[np.asarray(cuts, int).reshape(-1, 2)]
     if len(closed):
-        add_lines(axes, closed, _CUT, 2.2, label="edge cut on the path", zorder=4)
+        style.add_lines(axes, closed, _CUT, 2.2, label="edge cut on the path", zorder=4)
     draw_agent(axes, path[0], heading, colour=START, label="start")
-    add_legend_below(axes)
+    style.add_legend_below(axes)
     return figure

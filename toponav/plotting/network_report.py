@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,21 +14,7 @@ from torch import Tensor
 
 from toponav.graph import Calibration
 from toponav.metrics import DISTANCE_CELLS, HEADINGS, LReport, TCReport
-from toponav.plotting.style import (
-    BLUE,
-    CENTRED,
-    GREEN,
-    GREY,
-    INK,
-    LEGEND,
-    MARKS,
-    ORANGE,
-    PALE,
-    RED,
-    new_figure,
-    show_percent,
-    style_axes,
-)
+from toponav.plotting import style
 
 
 def draw_report(
@@ -50,7 +35,7 @@ def draw_report(
     The networks are compared with the best guess by offset, `bayes_bound` ``[k]``, with
     chance, and with a classifier that sees the true poses (`pose_bound`).
     """
-    figure = new_figure(12, 7.2, title=title)
+    figure = style.new_figure(12, 7.2, title=title)
     a, b, c, d, e, f = figure.subplots(2, 3).flat
     _draw_accuracy(a, tc, pose_bound)
     _draw_similarity(b, tc)
@@ -59,15 +44,15 @@ def draw_report(
     _draw_waypoints(e, waypoints, marks)
     _draw_locomotion(f, locomotion, bound, num_actions)
     place = {"loc": "outside lower right", "ncols": 4, "title": "panel f"}
-    figure.legend(*f.get_legend_handles_labels(), **place, **LEGEND)
+    figure.legend(*f.get_legend_handles_labels(), **place, **style.LEGEND)
     return figure
 
 
 def _draw_accuracy(axes: Axes, tc: TCReport, pose_bound: float) -> None:
     lines = (
-        (tc.positives_by_distance, BLUE, "o-", "positives called near"),
-        (tc.negatives_by_distance, RED, "^-", "negatives called near"),
-        (tc.by_distance, INK, "s:", "all pairs, judged right"),
+        (tc.positives_by_distance, style.BLUE, "o-", "positives called near"),
+        (tc.negatives_by_distance, style.RED, "^-", "negatives called near"),
+        (tc.by_distance, style.INK, "s:", "all pairs, judged right"),
     )
     for binned, colour, mark, label in lines:
         middle = np.arange(len(binned.mean)) + 0.5
@@ -75,62 +60,65 @@ def _draw_accuracy(axes: Axes, tc: TCReport, pose_bound: float) -> None:
     numbers = f"n = {tc.num_pairs:,} pairs\nbalanced accuracy {tc.accuracy:.1%}"
     numbers += f"\nfrom true poses {pose_bound:.1%}"
     _label_edges(axes.xaxis, DISTANCE_CELLS)
-    show_percent(axes)
+    style.show_percent(axes)
     x, legend = "walking distance (cells)", "center right"
     title = "a  Decision by true distance"
-    style_axes(axes, title=title, x=x, y="share of pairs", legend=legend, note=numbers)
+    y = "share of pairs"
+    style.finish(axes, title=title, x=x, y=y, legend=legend, note=numbers)
 
 
 def _draw_similarity(axes: Axes, tc: TCReport) -> None:
     # Empty bins are pale.
-    axes.set_facecolor(PALE)
+    axes.set_facecolor(style.PALE)
     similarity = tc.similarity.numpy()
     mesh = axes.pcolormesh(similarity, cmap="viridis", vmin=0, vmax=1)
     for (row, column), value in np.ndenumerate(similarity):
         if np.isfinite(value):
             text = f"{value:.2f}".removeprefix("0")
-            colour = "white" if value < 0.6 else INK
-            axes.text(column + 0.5, row + 0.5, text, CENTRED, size=6.5, color=colour)
+            colour = "white" if value < 0.6 else style.INK
+            middle = (column + 0.5, row + 0.5)
+            axes.text(*middle, text, style.CENTRED, size=6.5, color=colour)
     _label_edges(axes.xaxis, DISTANCE_CELLS)
     _label_edges(axes.yaxis, HEADINGS)
     axes.figure.colorbar(mesh, ax=axes, pad=0.02).ax.tick_params(labelsize=8)
     title = f"b  Mean similarity (n = {int(tc.similarity_count.sum()):,} pairs)"
     x, y = "walking distance (cells)", "heading difference (degrees)"
-    style_axes(axes, title=title, x=x, y=y, legend=None)
+    style.finish(axes, title=title, x=x, y=y, legend=None)
     axes.grid(False)
 
 
 def _draw_roc(axes: Axes, tc: TCReport) -> None:
     at_half = 1 - tc.negative_accuracy, tc.positive_accuracy
-    axes.plot([0, 1], [0, 1], ":", c=GREY, lw=1, label="chance")
-    axes.plot(*tc.roc, c=BLUE, label=f"area {tc.auc:.3f}")
-    axes.plot(*at_half, "o", c=RED, label="similarity 0.5")
+    axes.plot([0, 1], [0, 1], ":", c=style.GREY, lw=1, label="chance")
+    axes.plot(*tc.roc, c=style.BLUE, label=f"area {tc.auc:.3f}")
+    axes.plot(*at_half, "o", c=style.RED, label="similarity 0.5")
     axes.set_xlim(-0.02, 1.02)
     axes.xaxis.set_major_formatter(PercentFormatter(1))
-    show_percent(axes)
+    style.show_percent(axes)
     title = f"c  ROC (n = {tc.num_pairs:,} pairs)"
     x, y = "negatives above the threshold", "positives above the threshold"
-    style_axes(axes, title=title, x=x, y=y, legend="lower right")
+    style.finish(axes, title=title, x=x, y=y, legend="lower right")
 
 
 def _draw_calibration(axes: Axes, tc: TCReport) -> None:
     said, true = tc.calibration
     share = (said.count / said.count.sum()).numpy()
-    look: dict[str, Any] = {"color": "#c9d8e4", "label": "share of the pairs"}
-    axes.bar(said.centres.numpy(), share, width=0.09, **look)
-    axes.plot([0, 1], [0, 1], ":", c=GREY, lw=1, label="perfect")
+    label = "share of the pairs"
+    axes.bar(said.centres.numpy(), share, width=0.09, color="#c9d8e4", label=label)
+    axes.plot([0, 1], [0, 1], ":", c=style.GREY, lw=1, label="perfect")
     # A ring stands for too few pairs: a standard error above 5 points.
     few = true.count < 100
-    axes.plot(said.mean, true.mean, "-", c=BLUE, lw=1)
+    axes.plot(said.mean, true.mean, "-", c=style.BLUE, lw=1)
     some, others = (said.mean[~few], true.mean[~few]), (said.mean[few], true.mean[few])
-    axes.plot(*some, "o", c=BLUE, ms=5, label="measured")
+    axes.plot(*some, "o", c=style.BLUE, ms=5, label="measured")
     if bool((few & (true.count > 0)).any()):
-        axes.plot(*others, "o", c=BLUE, ms=5, mfc="white", label="under 100 pairs")
+        label = "under 100 pairs"
+        axes.plot(*others, "o", c=style.BLUE, ms=5, mfc="white", label=label)
     axes.set_xlim(-0.02, 1.02)
-    show_percent(axes)
+    style.show_percent(axes)
     title = f"d  Calibration (expected error {tc.calibration_error:.3f})"
     x, y = "similarity (predicted probability)", "positives among the pairs"
-    style_axes(axes, title=title, x=x, y=y, legend="upper left")
+    style.finish(axes, title=title, x=x, y=y, legend="upper left")
 
 
 def _draw_waypoints(
@@ -140,10 +128,12 @@ def _draw_waypoints(
     at, shares = (values.double().numpy() for values in waypoints)
     mean = shares.mean(0)
     low, high = np.quantile(shares, [0.1, 0.9], axis=0)
-    axes.fill_between(at, low, high, color=BLUE, alpha=0.18, lw=0, label="10 to 90 %")
-    axes.plot(at, mean, c=BLUE, label="mean")
-    colours = (RED, GREEN, ORANGE, INK, GREY)
-    for (name, mark), shape, colour in zip(marks.items(), MARKS, colours, strict=False):
+    label, colour = "10 to 90 %", style.BLUE
+    axes.fill_between(at, low, high, color=colour, alpha=0.18, lw=0, label=label)
+    axes.plot(at, mean, c=style.BLUE, label="mean")
+    colours = (style.RED, style.GREEN, style.ORANGE, style.INK, style.GREY)
+    looks = zip(marks.items(), style.MARKS, colours, strict=False)
+    for (name, mark), shape, colour in looks:
         here = mark.threshold
         share = math.exp(np.interp(logit(here), logit(at), np.log(mean)))
         label = f"{name}: {here:.3f} ({share:.1%})"
@@ -157,7 +147,7 @@ def _draw_waypoints(
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=None))
     title = f"e  Waypoint share (n = {len(shares)} random sequences)"
     x, y = "threshold (similarity)", "waypoints per observation"
-    style_axes(axes, title=title, x=x, y=y, legend="upper left")
+    style.finish(axes, title=title, x=x, y=y, legend="upper left")
 
 
 def _draw_locomotion(
@@ -167,21 +157,21 @@ def _draw_locomotion(
     offset = np.arange(1, len(locomotion.count) + 1)
     chance = torch.full_like(locomotion.accuracy, 1 / num_actions)
     lines = (
-        (bound, BLUE, "--", "best possible from true poses"),
-        (locomotion.accuracy, BLUE, "o-", "action taken is the most probable"),
-        (chance, BLUE, ":", "the same by chance"),
-        (locomotion.useful_taken, GREEN, "--", "useful: the action taken"),
-        (locomotion.useful_argmax, GREEN, "D-", "useful: the most probable"),
-        (locomotion.useful_sampled, GREEN, "^-", "useful: sampled"),
-        (locomotion.useful_uniform, GREEN, ":", "useful: a uniform action"),
+        (bound, style.BLUE, "--", "best possible from true poses"),
+        (locomotion.accuracy, style.BLUE, "o-", "action taken is the most probable"),
+        (chance, style.BLUE, ":", "the same by chance"),
+        (locomotion.useful_taken, style.GREEN, "--", "useful: the action taken"),
+        (locomotion.useful_argmax, style.GREEN, "D-", "useful: the most probable"),
+        (locomotion.useful_sampled, style.GREEN, "^-", "useful: sampled"),
+        (locomotion.useful_uniform, style.GREEN, ":", "useful: a uniform action"),
     )
     for values, colour, mark, label in lines:
         axes.plot(offset, values[: len(offset)], mark, c=colour, ms=5, label=label)
     axes.set(xticks=offset, xlim=(0.8, len(offset) + 0.2))
-    show_percent(axes)
+    style.show_percent(axes)
     title = f"f  Locomotion (n = {int(locomotion.count.sum()):,} pairs)"
     x, y = "offset (decisions)", "share of pairs"
-    style_axes(axes, title=title, x=x, y=y, legend=None)
+    style.finish(axes, title=title, x=x, y=y, legend=None)
 
 
 def _label_edges(axis: Axis, edges: tuple[float, ...]) -> None:

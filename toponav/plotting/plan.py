@@ -19,20 +19,11 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
-from toponav.plotting.style import (
-    BLUE,
-    CENTRED,
-    GREEN,
-    INK,
-    ORANGE,
-    RED,
-    YELLOW,
-    add_heading,
-    new_figure,
-)
+from toponav.plotting import style
 
 WALL, FLOOR = "#3b3f46", "#f7f5f0"
-CLOSED, APPLE, GOAL, START, AGENT = ORANGE, RED, YELLOW, GREEN, BLUE
+CLOSED, APPLE, GOAL = style.ORANGE, style.RED, style.YELLOW
+START, AGENT = style.GREEN, style.BLUE
 
 #: Colours of a value along a trajectory, dark to light: viridis without its brightest
 #: end, which would vanish on the floor.
@@ -95,7 +86,7 @@ class FloorPlan:
         self._set_up_axes(axes)
         for letter, cell in self.slots.items():
             self._draw_slot(axes, letter, self.centre(cell))
-        marks: dict[str, Any] = {"edgecolors": INK, "zorder": 5}
+        marks: dict[str, Any] = {"edgecolors": style.INK, "zorder": 5}
         if self.apples:
             x, y = zip(*map(self.centre, self.apples), strict=True)
             axes.scatter(x, y, 40, APPLE, label="apple", **marks)
@@ -119,7 +110,7 @@ class FloorPlan:
         # A hair line between neighbouring cells gives the scale.
         axes.grid(which="minor", color=WALL, alpha=0.12, linewidth=0.6)
         axes.tick_params(which="minor", length=0)
-        axes.tick_params(length=3, color=INK, labelsize=8)
+        axes.tick_params(length=3, color=style.INK, labelsize=8)
         axes.spines[:].set_visible(False)
 
     def show_cells(self, axes: Axes, values: ArrayLike, **look: Any) -> AxesImage:
@@ -132,23 +123,23 @@ class FloorPlan:
         side, box = self.cell_size, None
         look: dict[str, Any] = {"fc": "none", "ec": CLOSED, "ls": "--"}
         if letter in self.closed:
-            look = {"fc": CLOSED, "ec": INK, "hatch": "////"}
+            look = {"fc": CLOSED, "ec": style.INK, "hatch": "////"}
             box = {"boxstyle": "circle,pad=0.15", "fc": "white", "ec": "none"}
         corner = (centre[0] - side / 2, centre[1] - side / 2)
         axes.add_patch(Rectangle(corner, side, side, lw=1.4, zorder=2, **look))
-        look = {"color": INK, "weight": "bold", "zorder": 5, "bbox": box}
-        axes.text(*centre, letter, CENTRED, **look)
+        look = {"color": style.INK, "weight": "bold", "zorder": 5, "bbox": box}
+        axes.text(*centre, letter, style.CENTRED, **look)
 
 
 def figure_of_plan(
     plan: FloorPlan | None, size: tuple[float, float], title: str
 ) -> tuple[Figure, Axes]:
     """A figure of one panel, in inches, that shows the plan."""
-    figure = new_figure(*size)
+    figure = style.new_figure(*size)
     axes = figure.subplots()
     if plan is not None:
         plan.draw(axes)
-    add_heading(axes, title)
+    style.add_heading(axes, title)
     return figure, axes
 
 

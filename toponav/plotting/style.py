@@ -40,7 +40,7 @@ def add_heading(axes: Axes, text: str) -> None:
     axes.set_title(text, loc="left", fontsize=HEADING)
 
 
-def style_axes(
+def finish(
     axes: Axes,
     *,
     title: str = "",

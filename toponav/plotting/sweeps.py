@@ -12,15 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from toponav.metrics import Floats
-from toponav.plotting.style import (
-    LINE,
-    MARKS,
-    PALETTE,
-    add_levels,
-    new_figure,
-    show_thousands,
-    style_axes,
-)
+from toponav.plotting import style
 
 _BAND = "line: mean, band: worst to best run"
 
@@ -63,19 +55,20 @@ def draw_learning_curves(
     """
     figure, grid = _new_grid(len(panels), title)
     for axes, (heading, groups) in zip(grid, panels.items(), strict=True):
-        for (name, runs), colour in zip(groups.items(), cycle(PALETTE), strict=False):
+        colours = cycle(style.PALETTE)
+        for (name, runs), colour in zip(groups.items(), colours, strict=False):
             x, middle, low, high = band(runs)
             count = f"{len(runs)} run{'s' * (len(runs) > 1)}"
             name = f"{name} ({count})" if name else count
             axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-            axes.plot(x, middle, color=colour, linewidth=LINE, label=name)
+            axes.plot(x, middle, color=colour, linewidth=style.LINE, label=name)
         marked = levels.get(heading, {})
-        add_levels(axes, {f"{name} {at:.1f}": at for name, at in marked.items()})
+        style.add_levels(axes, {f"{name} {at:.1f}": at for name, at in marked.items()})
         axes.set_xlim(left=0)
         axes.set_ylim(0, 102)
-        show_thousands(axes)
+        style.show_thousands(axes)
         labels = {"x": "decisions of the training", "y": label, "note": _BAND}
-        style_axes(axes, title=heading, legend="lower right", **labels)
+        style.finish(axes, title=heading, legend="lower right", **labels)
     return figure
 
 
@@ -105,7 +98,7 @@ def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> 
         if not dashes:
             # From 0, so that no axis of names is logarithmic.
             places[:] = range(len(names))
-        looks = zip(cycle(PALETTE), cycle(MARKS), strict=False)
+        looks = zip(cycle(style.PALETTE), cycle(style.MARKS), strict=False)
         lines = panel.groupby("line", sort=False)
         for (line, runs), (colour, mark) in zip(lines, looks, strict=False):
             look: dict[str, Any] = {"color": colour, "marker": mark}
@@ -117,7 +110,7 @@ def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> 
             if count > 1:
                 look = {"color": colour, "marker": mark, "s": 14, "alpha": 0.35}
                 axes.scatter(runs["at"].map(places), runs["value"], **look)
-        style_axes(axes, title=str(heading), x=x, y=label)
+        style.finish(axes, title=str(heading), x=x, y=label)
         if 0 < 10 * places.min() < places.max():
             axes.set_xscale("log")
             axes.xaxis.set_minor_locator(NullLocator())
@@ -132,7 +125,7 @@ def _new_grid(count: int, title: str) -> tuple[Figure, list[Axes]]:
     columns = min(max(count, 1), 3)
     rows = max(1, math.ceil(count / columns))
     width = 6.4 if columns == 1 else 4.6 * columns
-    figure = new_figure(width, 3.8 * rows, title=title)
+    figure = style.new_figure(width, 3.8 * rows, title=title)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)
     for axes in grid[count:]:
         axes.remove()

@@ -11,6 +11,7 @@ import pandas as pd
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from toponav import metrics, plotting
 from toponav.builders import (
     AgentKnowledge,
     GoalPlaces,
@@ -21,31 +22,6 @@ from toponav.builders import (
 from toponav.config import NavigateConfig, NavigateVideoConfig
 from toponav.graph import Map, Planner
 from toponav.keys import GOAL_VIEWS
-from toponav.metrics import (
-    TRACE_KEYS,
-    TRACE_NEXT_KEYS,
-    NavigationTrace,
-    aligned_table,
-    bootstrap,
-    classify_decisions,
-    detection_delays,
-    find_legs,
-    first_goal,
-    judge_cuts,
-    mean_detour,
-    measure_legs,
-    slow_legs,
-    success_weighted_by_length,
-    trace_navigation,
-)
-from toponav.plotting import (
-    FloorPlan,
-    draw_leg,
-    draw_success,
-    navigated_frames,
-    save_figure,
-    write_video,
-)
 from toponav.reports.episodes import play_episodes
 from toponav.training import Row
 
@@ -60,7 +36,7 @@ class NavigationEpisodes:
     """The episodes of one policy."""
 
     policy: str
-    trace: NavigationTrace
+    trace: metrics.NavigationTrace
     legs: pd.DataFrame  # the table of `measure_legs`
     views: Tensor  # uint8 [V, H, W, 3]; what the first episode showed at its beginning
     goal: Tensor  # uint8 [H, W, 3]; the first picture of its goal
@@ -80,16 +56,18 @@ def play_policies(
         dict.fromkeys(policies, config.evaluate.episodes),
         config.maze.episode_length,
         seed=seed_of(config.seed, _EPISODES),
-        keep=TRACE_KEYS,
-        keep_next=TRACE_NEXT_KEYS,
+        keep=metrics.TRACE_KEYS,
+        keep_next=metrics.TRACE_NEXT_KEYS,
         views=config.video.decisions,
     )
-    traces = {name: trace_navigation(one.frames) for name, one in played.items()}
+    traces = {
+        name: metrics.trace_navigation(one.frames) for name, one in played.items()
+    }
     return [
         NavigationEpisodes(
             name,
             traces[name],
-            measure_legs(traces[name], truth.distances),
+            metrics.measure_legs(traces[name], truth.distances),
             views=one.views,
             goal=one.start[GOAL_VIEWS][0],
             map=getattr(policies[name], "map", None),
@@ -107,8 +85,8 @@ def episode_table(episodes: NavigationEpisodes) -> pd.DataFrame:
             "episode": np.arange(len(trace)),
             "goals": trace.reached.sum(1),
             "reward": trace.reward.sum(1),
-            "first_goal": first_goal(trace),
-            "spl": success_weighted_by_length(episodes.legs),
+            "first_goal": metrics.first_goal(trace),
+            "spl": metrics.success_weighted_by_length(episodes.legs),
             "replans": (trace.cut_from >= 0).sum(1),
             "lost": trace.lost.mean(1),
         }
@@ -130,26 +108,30 @@ def summary_row(
         measured[f"success_{time}"] = first.between(0, time)
     row: Row = {"policy": episodes.policy, "episodes": len(trace)}
     for name, values in measured.items():
-        found = bootstrap(values)
+        found = metrics.bootstrap(values)
         row |= {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}
-    row["detour"] = mean_detour(episodes.legs, shortest=truth.distances.cell_size)
+    row["detour"] = metrics.mean_detour(
+        episodes.legs, shortest=truth.distances.cell_size
+    )
     faults = _fault_numbers(trace, truth, slow=slow)
     return row | faults | {"places_without_picture": places.num_without}
 
 
-def _fault_numbers(trace: NavigationTrace, truth: GroundTruth, *, slow: int) -> Row:
+def _fault_numbers(
+    trace: metrics.NavigationTrace, truth: GroundTruth, *, slow: int
+) -> Row:
     distances = truth.distances
     waypoints = np.asarray(truth.poses[:, :2], np.float64)
-    cuts = judge_cuts(trace, distances, waypoints)
-    delays = detection_delays(trace, distances, cuts)
+    cuts = metrics.judge_cuts(trace, distances, waypoints)
+    delays = metrics.detection_delays(trace, distances, cuts)
     numbers: Row = {
         f"cuts_{verdict}": int((cuts.verdict == verdict).sum())
         for verdict in ("blockage", "false_edge", "false_block")
     }
     numbers["detection_delay"] = float(np.median(delays)) if len(delays) else math.nan
     has_map = bool((trace.place >= 0).any())
-    faults = classify_decisions(trace, distances, waypoints)
-    slow_by = slow_legs(trace, faults, limit=slow)
+    faults = metrics.classify_decisions(trace, distances, waypoints)
+    slow_by = metrics.slow_legs(trace, faults, limit=slow)
     for number, name in enumerate(slow_by):
         share = float((faults == number).mean()) if has_map else math.nan
         numbers[f"decisions_{name}"] = share
@@ -177,7 +159,7 @@ def markdown_summary(rows: Sequence[Row], *, title: str) -> str:
     table = pd.DataFrame({"": names})
     for row in rows:
         table[row["policy"]] = [_cell(row, name) for name in names]
-    return f"{title}\n\n{aligned_table(table)}"
+    return f"{title}\n\n{metrics.aligned_table(table)}"
 
 
 def _cell(row: Row, name: str) -> str:
@@ -191,9 +173,11 @@ def write_success(
     folder: Path, played: Sequence[NavigationEpisodes], *, title: str
 ) -> None:
     """Draw ``success.png``: episodes that reached their goal, over the decisions."""
-    first = {one.policy: first_goal(one.trace) for one in played}
-    figure = draw_success(first, decisions=played[0].trace.decisions, title=title)
-    save_figure(figure, folder / "success.png")
+    first = {one.policy: metrics.first_goal(one.trace) for one in played}
+    figure = plotting.draw_success(
+        first, decisions=played[0].trace.decisions, title=title
+    )
+    plotting.save_figure(figure, folder / "success.png")
 
 
 def write_path(
@@ -216,10 +200,10 @@ def write_path(
     def interest(leg: Any) -> tuple[bool, int, int]:
         return leg.reached, len(cuts_of(leg)), -leg.decisions
 
-    leg = max(find_legs(trace).itertuples(), key=interest)
+    leg = max(metrics.find_legs(trace).itertuples(), key=interest)
     cuts, reached = cuts_of(leg), "reached" if leg.reached else "not reached"
     title = f"episode {leg.episode}: {leg.decisions} decisions, {reached}, "
-    figure = draw_leg(
+    figure = plotting.draw_leg(
         trace.positions[leg.episode, leg.start : leg.end],
         float(trace.headings[leg.episode, leg.start]),
         plan=_make_floor_plan(episodes, truth, leg.episode, leg.start),
@@ -229,17 +213,17 @@ def write_path(
         cuts=cuts,
         title=f"{title}{len(cuts)} cuts",
     )
-    save_figure(figure, folder / "path.png")
+    plotting.save_figure(figure, folder / "path.png")
 
 
 def _make_floor_plan(
     episodes: NavigationEpisodes, truth: GroundTruth, episode: int, decision: int
-) -> FloorPlan:
+) -> plotting.FloorPlan:
     """The maze with the goal and the closed slots of a decision."""
     trace, layout = episodes.trace, truth.layout
     slots = zip(layout.slots, trace.blocked[episode, decision], strict=True)
     row, column = trace.goal_cells[episode, decision].tolist()
-    return FloorPlan(
+    return plotting.FloorPlan(
         layout.open_mask,
         cell_size=truth.distances.cell_size,
         slots=layout.slots,
@@ -284,7 +268,7 @@ def write_walk(
         )
         view = episodes.goal if target < 0 else knowledge.map.waypoints.images[target]
         targets.append(None if trace.lost[0, now] or place < 0 else view)
-    frames = navigated_frames(
+    frames = plotting.navigated_frames(
         trace.positions[0, :shown],
         trace.headings[0, :shown],
         np.asarray(episodes.views[:shown]),
@@ -294,4 +278,4 @@ def write_walk(
         captions=captions,
         height=video.height,
     )
-    write_video(folder / f"walk.{video.format}", frames)
+    plotting.write_video(folder / f"walk.{video.format}", frames)

@@ -10,33 +10,15 @@ import torch
 from torch import Tensor
 from torchrl.record.loggers import Logger
 
+from toponav import graph, metrics
 from toponav.builders import Networks, World, one_thread
 from toponav.config import PretrainConfig
 from toponav.data import HeldOut, LPairs, PairSet, TCPairs
-from toponav.graph import (
-    MAP_SHARE,
-    REWARD_SHARE,
-    Calibration,
-    WalkWaypoints,
-    calibrate_reach,
-    calibrate_share,
-    share_curve,
-)
 from toponav.ground_truth import (
     GroundTruthDistances,
     PairTruth,
     pair_truth,
     require_motion,
-)
-from toponav.metrics import (
-    LReport,
-    TCReport,
-    bayes_bound,
-    l_report,
-    pose_bound,
-    pose_features,
-    tc_report,
-    useful_actions,
 )
 from toponav.plotting import draw_curves, draw_report, save_figure
 from toponav.reports.place_errors import place_errors
@@ -103,13 +85,13 @@ def write_reports(
     networks = validation.networks
     sequences = _embed_sequences(validation)
     with validation.autocast, one_thread():
-        walks = [WalkWaypoints(one, networks.tc) for one in sequences]
+        walks = [graph.WalkWaypoints(one, networks.tc) for one in sequences]
         calibrations = _calibrate(networks, walks, config)
     # Ever closer to 1, where the waypoint share is steep, to just above tc_threshold.
     highest = math.log(1 / max(1 - networks.thresholds["tc_threshold"], 1e-6)) + 1
     thresholds = torch.linspace(-3, highest, 10).sigmoid()
-    curve = thresholds, share_curve(walks, thresholds.tolist())
-    shares = share_curve(walks, _SHARES_AT).mean(0).tolist()
+    curve = thresholds, graph.share_curve(walks, thresholds.tolist())
+    shares = graph.share_curve(walks, _SHARES_AT).mean(0).tolist()
     figures: dict[str, dict[str, float]] = {}
     bounds: dict[str, list[float]] = {}
     for number, held_out in enumerate(validation.held_out):
@@ -120,7 +102,7 @@ def write_reports(
         seed = config.seed + number
         tc, locomotion, more = _measure(validation, world, held_out, config, seed=seed)
         figures[held_out.name] = {**tc.numbers(), **more, **locomotion.numbers()}
-        bound = bayes_bound(config.pairs.locomotion_k, world=world.spec)
+        bound = metrics.bayes_bound(config.pairs.locomotion_k, world=world.spec)
         bounds["l_bayes_bound"] = bound.tolist()
         figure = draw_report(
             tc,
@@ -163,15 +145,17 @@ def _embed_sequences(validation: Validation) -> list[Tensor]:
 
 
 def _calibrate(
-    networks: Networks, walks: list[WalkWaypoints], config: PretrainConfig
-) -> dict[str, Calibration]:
-    found = {"tc_threshold": calibrate_share(walks, target_share=MAP_SHARE)}
-    found["tc_reach"] = calibrate_reach(
+    networks: Networks, walks: list[graph.WalkWaypoints], config: PretrainConfig
+) -> dict[str, graph.Calibration]:
+    found = {"tc_threshold": graph.calibrate_share(walks, target_share=graph.MAP_SHARE)}
+    found["tc_reach"] = graph.calibrate_reach(
         walks,
         tc_threshold=found["tc_threshold"].threshold,
         max_action_distance=config.pairs.k,
     )
-    found["reward_threshold"] = calibrate_share(walks, target_share=REWARD_SHARE)
+    found["reward_threshold"] = graph.calibrate_share(
+        walks, target_share=graph.REWARD_SHARE
+    )
     networks.thresholds = {name: one.threshold for name, one in found.items()}
     return found
 
@@ -191,7 +175,7 @@ def _measure(
     config: PretrainConfig,
     *,
     seed: int,
-) -> tuple[TCReport, LReport, dict[str, float]]:
+) -> tuple[metrics.TCReport, metrics.LReport, dict[str, float]]:
     rule, k = TCPairs(config.pairs.k, config.validate.m), config.pairs.locomotion_k
     assert world.layout is not None
     mask, motion = torch.from_numpy(world.layout.open_mask), require_motion(world.spec)
@@ -201,10 +185,10 @@ def _measure(
         return pair_truth(distances, *held_out.poses(pairs), motion=motion)
 
     def features(pairs: PairSet) -> tuple[Tensor, Tensor]:
-        return pose_features(*held_out.poses(pairs), apart(pairs)), pairs.label
+        return metrics.pose_features(*held_out.poses(pairs), apart(pairs)), pairs.label
 
     test = held_out.draw(rule, _REPORT_PAIRS, seed=seed)
-    tc = tc_report(
+    tc = metrics.tc_report(
         validation.similarity(held_out, test),
         test.label,
         apart(test),
@@ -212,15 +196,15 @@ def _measure(
         max_action_distance=config.pairs.k,
     )
     l_pairs = held_out.draw(LPairs(k), _REPORT_PAIRS, seed=seed)
-    locomotion = l_report(
+    locomotion = metrics.l_report(
         validation.logits(held_out, l_pairs),
         l_pairs.action,
         l_pairs.distance,
-        useful_actions(*held_out.poses(l_pairs), world=world.spec),
+        metrics.useful_actions(*held_out.poses(l_pairs), world=world.spec),
         max_action_distance=k,
     )
     train = held_out.draw(rule, _BOUND_PAIRS, seed=seed + 1)
-    bound = pose_bound(features(train), features(test))
+    bound = metrics.pose_bound(features(train), features(test))
     errors = place_errors(validation, distances, held_out, min_gap=rule.min_distance)
     return tc, locomotion, {"pose_bound": bound, **errors}
 
