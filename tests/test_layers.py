@@ -139,7 +139,7 @@ def test_the_scripts_and_nested_rooms_are_looked_at() -> None:
         ("toponav.envs", "from toponav.envs.layout import Layout"),
         ("toponav.envs.scene", "from toponav.keys import PIXELS"),
         ("toponav.envs.scene", "from toponav import keys"),
-        ("toponav.data.pairs", "import toponav.data.chunks"),
+        ("toponav.data.held_out", "import toponav.data.episodes"),
         ("toponav.config.explore", "from toponav.config.groups import MazeConfig"),
         ("toponav.builders", "from toponav.envs import DoomMazeEnv"),
         ("toponav.launch", "from toponav import config"),

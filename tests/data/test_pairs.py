@@ -3,7 +3,7 @@ import torch
 from tensordict import TensorDict
 
 from toponav.data import Episodes
-from toponav.data.pairs import (
+from toponav.data.pair_rules import (
     distance_weights,
     draw_below,
     draw_near,

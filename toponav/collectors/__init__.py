@@ -3,9 +3,7 @@
 from toponav.collectors.mailbox import Mailbox as Mailbox, MailboxError as MailboxError
 from toponav.collectors.mailbox_collector import (
     MailboxCollector as MailboxCollector,
-    Subscription as Subscription,
-)
-from toponav.collectors.patient_async_collector import (
     PatientAsyncCollector as PatientAsyncCollector,
+    Subscription as Subscription,
 )
 from toponav.collectors.staggered_episodes import StaggeredEpisodes as StaggeredEpisodes

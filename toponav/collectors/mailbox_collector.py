@@ -1,4 +1,4 @@
-"""`MailboxCollector`: a TorchRL collector that reads its weights from a mailbox."""
+"""`MailboxCollector` reads weights from a mailbox; `PatientAsyncCollector` waits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import nn
-from torchrl.collectors import Collector
+from torchrl.collectors import Collector, MultiAsyncCollector
 
 from toponav.collectors.mailbox import Mailbox
 from toponav.keys import ENV_ID
@@ -90,3 +90,16 @@ class MailboxCollector(Collector):
         for one in self.subscriptions:
             batch.set(one.version_key, torch.zeros(*shape, 1, dtype=torch.int64))
         return batch
+
+
+class PatientAsyncCollector(MultiAsyncCollector):
+    """TorchRL's ``MultiAsyncCollector`` with room for one batch of every process.
+
+    TorchRL's own has room for one batch in all: a process that finds it taken twice
+    drops its rollout, and its episodes get gaps. Here it waits until the caller takes
+    its batch.
+    """
+
+    @property
+    def _queue_len(self) -> int:
+        return int(self.num_workers)

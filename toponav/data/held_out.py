@@ -6,8 +6,8 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from toponav.data.episode_sampler import DrawRule
 from toponav.data.episodes import Episodes
+from toponav.data.pair_sources import DrawRule
 from toponav.keys import ACTION, HEADING, LABEL, NETWORK_PIXELS, POSITION
 
 

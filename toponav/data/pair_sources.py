@@ -1,18 +1,169 @@
-"""`MinedPairs` and `DrawnPairs`: the two ways from a storage to training pairs."""
+"""From a storage to training pairs: `EpisodeSampler`, `MinedPairs`, `DrawnPairs`."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
+from typing import Protocol
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
-from torchrl.data.replay_buffers import Storage
+from torchrl.data.replay_buffers import Sampler, Storage
+from torchrl.envs.transforms import Transform
 
-from toponav.data.chunks import Chunks
-from toponav.data.episode_sampler import EpisodeSampler, SplitPairs
-from toponav.data.pair_rules import LPairs, TCPairs
-from toponav.keys import EMBEDDING, LABEL, NETWORK_PIXELS, WEIGHT
+from toponav import keys
+from toponav.data.episodes import Episodes, find_episodes
+from toponav.data.pair_rules import LPairs, TCPairs, draw_below
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """Draw a batch of ``E`` episodes with ``C`` chunks of successive frames each.
+
+    Pairs are mined from it (`TCPairs.mine`): close ones within a chunk, distant ones
+    between the chunks of an episode. Episodes are drawn in proportion to their length,
+    and not twice in a batch while there are enough; chunks start anywhere and may
+    overlap. A sample is ``[E, C * chunk_len]``, with ``episode`` and ``step``.
+
+    Args:
+        chunks_per_episode: number C of chunks.
+        chunk_len: frames in a chunk; more than the largest distance of a positive pair.
+        min_length: shorter episodes are left out; TC pairs need more than M * k.
+
+    Examples:
+        >>> episodes = Episodes.from_lengths([50, 80])
+        >>> place, extra = Chunks(2, 5).draw(episodes, 20, None)
+        >>> place.shape, extra["step"].shape
+        (torch.Size([2, 10]), torch.Size([2, 10]))
+    """
+
+    chunks_per_episode: int = 4
+    chunk_len: int = 5
+    min_length: int = 21
+
+    def __post_init__(self) -> None:
+        if min(self.chunks_per_episode, self.chunk_len, self.min_length) < 1:
+            raise ValueError(f"every number of Chunks must be at least 1, got {self}")
+
+    def draw(
+        self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Draw ``batch_size`` frames: places ``[E, C * chunk_len]`` and the keys."""
+        per_episode = self.chunks_per_episode * self.chunk_len
+        num_episodes = batch_size // per_episode
+        if num_episodes < 1 or batch_size % per_episode:
+            nearest = max(round(batch_size / per_episode), 1) * per_episode
+            raise ValueError(
+                f"batch_size must be a multiple of chunks_per_episode * chunk_len = "
+                f"{per_episode}, got {batch_size}; the nearest is {nearest}"
+            )
+        shortest = max(self.min_length, self.chunk_len)
+        episodes.require(shortest, "min_length and chunk_len")
+        usable = (episodes.length >= shortest).nonzero().squeeze(-1)
+        chosen = torch.multinomial(
+            episodes.length[usable].double(),
+            num_episodes,
+            replacement=num_episodes > len(usable),
+            generator=generator,
+        )
+        run = usable[chosen].unsqueeze(-1)
+        num_starts = episodes.length[run] - self.chunk_len + 1
+        first = draw_below(num_starts.expand(-1, self.chunks_per_episode), generator)
+        offset = (first.unsqueeze(-1) + torch.arange(self.chunk_len)).flatten(1)
+        return episodes.start[run] + offset, {
+            keys.EPISODE: episodes.group_start[run].expand_as(offset),
+            keys.STEP: episodes.first_step[run] + offset,
+        }
+
+
+class DrawRule(Protocol):
+    """Chooses frames; `TCPairs`, `LPairs` and `Chunks` are such rules."""
+
+    def draw(
+        self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Places in ``episodes.order``, of any shape, and entries to add by key."""
+
+
+class EpisodeSampler(Sampler):
+    """Draw frames from whole episodes of a replay buffer, by a rule.
+
+    TorchRL's ``SliceSampler`` gives one stretch of fixed length per draw, but the two
+    views of a pair may be an episode apart. The list of episodes is rebuilt after a
+    write, not per draw. Random numbers are the buffer's: ``buffer.set_rng(generator)``.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+        >>> from toponav.data import Chunks
+        >>> buffer = TensorDictReplayBuffer(
+        ...     storage=LazyTensorStorage(100), sampler=EpisodeSampler(Chunks(2, 5))
+        ... )
+        >>> frames = TensorDict({"step_count": torch.arange(60)}, [60])
+        >>> _ = buffer.extend(frames.set(("collector", "traj_ids"), torch.zeros(60)))
+        >>> buffer.sample(20).batch_size
+        torch.Size([2, 10])
+    """
+
+    def __init__(self, rule: DrawRule) -> None:
+        self.rule = rule
+        self._episodes: Episodes | None = None
+
+    def sample(
+        self, storage: Storage, batch_size: int
+    ) -> tuple[Tensor | tuple[Tensor, ...], dict[str, Tensor]]:
+        if self._episodes is None:
+            self._episodes = find_episodes(storage)
+        place, info = self.rule.draw(self._episodes, batch_size, self._rng)
+        row = self._episodes.order[place]
+        if storage.ndim == 1:
+            return row, info
+        return torch.unravel_index(row, storage.shape), info
+
+    def _forget(self, *args: object, **kwargs: object) -> None:
+        self._episodes = None
+
+    # The buffer calls these when its content changed.
+    add = extend = mark_update = _empty = load_state_dict = loads = _forget
+
+    # Nothing to keep: the list of episodes follows from the storage.
+    def state_dict(self) -> dict[str, Tensor]:
+        return {}
+
+    def dumps(self, path: object) -> None:
+        pass
+
+
+class SplitPairs(Transform):
+    """Turn a sample of pairs, batch ``[P, 2]``, into one of batch ``[P]``.
+
+    For a replay buffer whose `EpisodeSampler` draws `TCPairs` or `LPairs`. The entry
+    ``in_key`` ``[P, 2, *D]`` of the two frames becomes ``anchor`` and ``other``; of all
+    else, such as the action, the anchor's is kept.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> pairs = TensorDict({"network_pixels": torch.zeros(64, 2, 6, 8, 3)}, [64, 2])
+        >>> SplitPairs()(pairs)["anchor"].shape
+        torch.Size([64, 6, 8, 3])
+    """
+
+    def __init__(self, in_key: NestedKey = keys.NETWORK_PIXELS) -> None:
+        super().__init__(in_keys=[in_key], out_keys=[keys.ANCHOR, keys.OTHER])
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if tensordict.ndim < 2 or tensordict.shape[-1] != 2:
+            raise ValueError(
+                f"the sample must be of pairs, batch size [P, 2], got "
+                f"{list(tensordict.shape)}; give the buffer EpisodeSampler(TCPairs())"
+            )
+        (in_key,) = self.in_keys
+        first, second = tensordict.unbind(-1)
+        pairs = first.exclude(in_key)
+        return pairs.update(
+            {keys.ANCHOR: first.get(in_key), keys.OTHER: second.get(in_key)}
+        )
+
 
 #: Views ``[N, H, W, 3]`` to embeddings ``[N, D]``.
 Embed = Callable[[Tensor], Tensor]
@@ -64,15 +215,17 @@ class MinedPairs:
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         """Pairs of embeddings for the TC-network and for the L-network."""
         frames = self.buffer.sample().flatten()
-        views = frames.pop(NETWORK_PIXELS).to(self.device)
-        frames.set(EMBEDDING, self.embed_tc(views))
+        views = frames.pop(keys.NETWORK_PIXELS).to(self.device)
+        frames.set(keys.EMBEDDING, self.embed_tc(views))
         pairs = self.tc_pairs.mine(frames, generator=self.generator)
         tc_pairs = [
-            keep_some(pairs[pairs[LABEL] == label], self.max_pairs // 2, self.generator)
+            keep_some(
+                pairs[pairs[keys.LABEL] == label], self.max_pairs // 2, self.generator
+            )
             for label in (1, 0)
         ]
         if self.embed_l is not None:
-            frames.set(EMBEDDING, self.embed_l(views))
+            frames.set(keys.EMBEDDING, self.embed_l(views))
         l_pairs = self.l_pairs.mine(frames)
         return torch.cat(tc_pairs), keep_some(l_pairs, self.max_pairs, self.generator)
 
@@ -117,8 +270,8 @@ def keep_some(
     """At most ``limit`` pairs ``[P]``, drawn at random; the sum of weights is kept."""
     if len(pairs) <= limit:
         return pairs
-    weight = pairs.get(WEIGHT)
+    weight = pairs.get(keys.WEIGHT)
     chosen = torch.randperm(len(pairs), generator=generator)[:limit].to(weight.device)
     kept = pairs[chosen]
     share = weight.sum() / weight[chosen].sum()
-    return kept.set(WEIGHT, weight[chosen] * share)
+    return kept.set(keys.WEIGHT, weight[chosen] * share)

@@ -11,19 +11,7 @@ from torchrl.data import Composite, OneHot, Unbounded
 from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from toponav.keys import (
-    ACTION,
-    ACTION_LOG_PROB,
-    EMBEDDING,
-    HIDDEN,
-    IS_INIT,
-    LOGITS,
-    MEMORY_CELL,
-    POLICY_PIXELS,
-    PREVIOUS_ACTION,
-    PREVIOUS_REWARD,
-    STATE_VALUE,
-)
+from toponav import keys
 from toponav.modules.episodic_lstm import EpisodicLSTM, State
 from toponav.modules.pixels import (
     check_pixels,
@@ -33,8 +21,8 @@ from toponav.modules.pixels import (
 )
 
 Input = Literal["pixels", "embedding"]
-NEXT_HIDDEN: NestedKey = ("next", *HIDDEN)
-NEXT_MEMORY_CELL: NestedKey = ("next", *MEMORY_CELL)
+NEXT_HIDDEN: NestedKey = ("next", *keys.HIDDEN)
+NEXT_MEMORY_CELL: NestedKey = ("next", *keys.MEMORY_CELL)
 
 
 class PixelTrunk(nn.Module):
@@ -82,7 +70,6 @@ class EmbeddingTrunk(nn.Module):
     def __init__(self, embedding_dim: int, code_dim: int = 256) -> None:
         super().__init__()
         self.embedding_dim = embedding_dim
-        self.code_dim = code_dim
         self.project = nn.Linear(embedding_dim, code_dim)
         start_orthogonal(self.project)
 
@@ -102,12 +89,13 @@ class RecurrentStatePrimer(TensorDictPrimer):
 
     def __init__(self, hidden_dim: int, *, num_actions: int, one_hot: bool) -> None:
         state = Unbounded((hidden_dim,))
-        super().__init__({HIDDEN: state, MEMORY_CELL: state.clone()}, expand_specs=True)
+        states = {keys.HIDDEN: state, keys.MEMORY_CELL: state.clone()}
+        super().__init__(states, expand_specs=True)
         self.num_actions = num_actions
         self.one_hot = one_hot
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        spec = self.parent.full_action_spec[ACTION]
+        spec = self.parent.full_action_spec[keys.ACTION]
         wanted = getattr(spec.space, "n", None), isinstance(spec, OneHot)
         if (self.num_actions, self.one_hot) != wanted:
             raise ValueError(
@@ -148,7 +136,7 @@ class ActorCritic(TensorDictModuleBase):
         torch.Size([5])
     """
 
-    out_keys = [ACTION, ACTION_LOG_PROB, LOGITS, STATE_VALUE]
+    out_keys = [keys.ACTION, keys.ACTION_LOG_PROB, keys.LOGITS, keys.STATE_VALUE]
     out_keys += [NEXT_HIDDEN, NEXT_MEMORY_CELL]
 
     def __init__(
@@ -171,7 +159,6 @@ class ActorCritic(TensorDictModuleBase):
         self.num_actions = num_actions
         self.hidden_dim = hidden_dim
         self.one_hot = one_hot
-        self.view_key = view_key or (POLICY_PIXELS if input == "pixels" else EMBEDDING)
         self.trunk: nn.Module
         if input == "pixels":
             self.trunk = PixelTrunk(code_dim, image_size=image_size)
@@ -179,14 +166,16 @@ class ActorCritic(TensorDictModuleBase):
             raise ValueError('embedding_dim must be given with input="embedding".')
         else:
             self.trunk = EmbeddingTrunk(embedding_dim, code_dim)
+        usual_keys = {"pixels": keys.POLICY_PIXELS, "embedding": keys.EMBEDDING}
+        self.view_key = view_key or usual_keys[input]
         self.lstm = EpisodicLSTM(code_dim + num_actions + 2, hidden_dim)
         self.actor = nn.Linear(hidden_dim, num_actions)
         self.critic = nn.Linear(hidden_dim, 1)
         # Small logits: the first policy is close to uniform whatever it sees.
         start_orthogonal(self.actor, gain=0.01)
         start_orthogonal(self.critic, gain=1.0)
-        self.in_keys = [self.view_key, PREVIOUS_ACTION, PREVIOUS_REWARD, IS_INIT]
-        self.in_keys += [HIDDEN, MEMORY_CELL]
+        self.in_keys = [self.view_key, keys.PREVIOUS_ACTION, keys.PREVIOUS_REWARD]
+        self.in_keys += [keys.IS_INIT, keys.HIDDEN, keys.MEMORY_CELL]
 
     def make_tensordict_primer(self) -> RecurrentStatePrimer:
         return RecurrentStatePrimer(
@@ -202,7 +191,7 @@ class ActorCritic(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
         inputs, state = self._lstm_inputs(tensordict), self._state(tensordict)
-        is_init = tensordict.get(IS_INIT).reshape(-1)
+        is_init = tensordict.get(keys.IS_INIT).reshape(-1)
         hidden, cell = self.lstm.step(inputs, state, is_init)
         logits = self.actor(hidden)
         log_probs = F.log_softmax(logits.float(), -1)
@@ -214,26 +203,26 @@ class ActorCritic(TensorDictModuleBase):
         action = action.reshape(shape)
         if self.one_hot:
             action = F.one_hot(action, self.num_actions)
-        tensordict.set(ACTION, action)
-        tensordict.set(ACTION_LOG_PROB, log_prob.reshape(shape))
-        tensordict.set(LOGITS, logits.reshape(*shape, -1))
-        tensordict.set(STATE_VALUE, self.critic(hidden).reshape(*shape, 1))
+        tensordict.set(keys.ACTION, action)
+        tensordict.set(keys.ACTION_LOG_PROB, log_prob.reshape(shape))
+        tensordict.set(keys.LOGITS, logits.reshape(*shape, -1))
+        tensordict.set(keys.STATE_VALUE, self.critic(hidden).reshape(*shape, 1))
         tensordict.set(NEXT_HIDDEN, hidden.reshape(*shape, -1))
-        tensordict.set(NEXT_MEMORY_CELL, cell.reshape(*shape, -1))
-        return tensordict
+        return tensordict.set(NEXT_MEMORY_CELL, cell.reshape(*shape, -1))
 
     def unroll(self, tensordict: TensorDictBase) -> TensorDict:
         """Logits and values of a slice ``[*B, T]``, from its first decision's state."""
         outputs = self.unroll_lstm(tensordict)
-        results = {LOGITS: self.actor(outputs), STATE_VALUE: self.critic(outputs)}
-        return TensorDict({**results, NEXT_HIDDEN: outputs}, tensordict.batch_size)
+        results = {keys.LOGITS: self.actor(outputs), NEXT_HIDDEN: outputs}
+        results[keys.STATE_VALUE] = self.critic(outputs)
+        return TensorDict(results, tensordict.batch_size)
 
     def unroll_lstm(self, tensordict: TensorDictBase) -> Tensor:
         """The LSTM's outputs over a slice, ``[*B, T, H]``."""
         shape = tensordict.batch_size
         inputs = self._lstm_inputs(tensordict).unflatten(0, (-1, shape[-1]))
-        state = self._state(tensordict[..., 0].select(HIDDEN, MEMORY_CELL))
-        is_init = tensordict.get(IS_INIT).reshape(-1, shape[-1])
+        state = self._state(tensordict[..., 0].select(keys.HIDDEN, keys.MEMORY_CELL))
+        is_init = tensordict.get(keys.IS_INIT).reshape(-1, shape[-1])
         outputs: Tensor = self.lstm(inputs, state, is_init)[0]
         return outputs.reshape(*shape, -1)
 
@@ -250,17 +239,19 @@ class ActorCritic(TensorDictModuleBase):
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
         """One row a decision, ``[N, D]``."""
         code: Tensor = self.trunk(tensordict.get(self.view_key))
-        action = tensordict.get(PREVIOUS_ACTION).squeeze(-1)
+        action = tensordict.get(keys.PREVIOUS_ACTION).squeeze(-1)
         one_hot = F.one_hot(action, self.num_actions + 1).to(code.dtype)
-        reward = tensordict.get(PREVIOUS_REWARD).to(code.dtype)
+        reward = tensordict.get(keys.PREVIOUS_REWARD).to(code.dtype)
         inputs = torch.cat([code, one_hot, reward], -1)
         return inputs.reshape(-1, inputs.shape[-1])
 
     def _state(self, tensordict: TensorDictBase) -> State:
-        hidden, cell = tensordict.get(HIDDEN, None), tensordict.get(MEMORY_CELL, None)
-        if hidden is None or cell is None:
+        wanted = (keys.HIDDEN, keys.MEMORY_CELL)
+        state = [tensordict.get(key, None) for key in wanted]
+        if any(entry is None for entry in state):
             raise KeyError(
-                f"the tensordict must have {HIDDEN} and {MEMORY_CELL}, the LSTM's "
-                "state: add make_tensordict_primer() to the env's transforms."
+                f"the tensordict must have {wanted}, the LSTM's state: add "
+                "make_tensordict_primer() to the env's transforms."
             )
-        return hidden.reshape(-1, self.hidden_dim), cell.reshape(-1, self.hidden_dim)
+        hidden, cell = (entry.reshape(-1, self.hidden_dim) for entry in state)
+        return hidden, cell

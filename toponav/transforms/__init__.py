@@ -8,6 +8,7 @@ from toponav.transforms.noisy_tv import NoisyTV as NoisyTV
 from toponav.transforms.novelty_rewards import (
     CountReward as CountReward,
     IntrinsicReward as IntrinsicReward,
+    RandomReward as RandomReward,
     TemporalDistanceReward as TemporalDistanceReward,
     count_reward as count_reward,
     temporal_distance_reward as temporal_distance_reward,
@@ -17,6 +18,5 @@ from toponav.transforms.policy_inputs import (
     PreviousAction as PreviousAction,
     PreviousReward as PreviousReward,
 )
-from toponav.transforms.random_reward import RandomReward as RandomReward
 from toponav.transforms.waypoint_memory import WaypointMemory as WaypointMemory
 from toponav.transforms.waypoint_truth import WaypointTruth as WaypointTruth

@@ -8,8 +8,13 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 
 from toponav.keys import BLOCKED, CELL, COVERAGE, COVERAGE_REWARD, DECISIONS_TO_COVERAGE
-from toponav.transforms.episode_buffers import ResizableBuffers, restarting_rows
-from toponav.transforms.specs import KeyedTransform, Keys, find_spec
+from toponav.transforms.specs import (
+    KeyedTransform,
+    Keys,
+    ResizableBuffers,
+    find_spec,
+    restarting_rows,
+)
 
 
 class Coverage(ResizableBuffers, KeyedTransform):

@@ -9,8 +9,13 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from toponav.keys import PIXELS
-from toponav.transforms.episode_buffers import ResizableBuffers, restarting_rows
-from toponav.transforms.specs import Keys, SeededMixin, ViewTransform
+from toponav.transforms.specs import (
+    Keys,
+    ResizableBuffers,
+    SeededMixin,
+    ViewTransform,
+    restarting_rows,
+)
 
 Quadrant = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
 Scale = Literal["quadrant", "native"]

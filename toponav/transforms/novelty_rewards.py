@@ -1,4 +1,4 @@
-"""The novelty rewards, as functions on tensors and as transforms.
+"""The novelty rewards, as functions on tensors and as transforms, and a random one.
 
 Reference:
     The paper, "Formulate reward function", eqs. 6 to 8.
@@ -10,17 +10,10 @@ from typing import Literal, get_args
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Composite, Unbounded
+from torchrl.data import Bounded, Composite, Unbounded
 
-from toponav.keys import (
-    COUNT_REWARD,
-    INTRINSIC_REWARD,
-    IS_NEW_WAYPOINT,
-    SIMILARITY,
-    TEMPORAL_DISTANCE_REWARD,
-    VISITS,
-)
-from toponav.transforms.specs import KeyedTransform, Keys
+from toponav import keys
+from toponav.transforms.specs import KeyedTransform, Keys, SeededMixin
 
 #: When each reward pays. The text pays the first if the view is mapped to a waypoint,
 #: else the second: ``"exclusive"``. ``"sum"`` is the equation by the letter, which pays
@@ -103,7 +96,7 @@ class CountReward(_NoveltyReward):
         out_keys: key of the reward, float32 ``[*B, 1]``.
     """
 
-    default_keys = [VISITS, IS_NEW_WAYPOINT], [COUNT_REWARD]
+    default_keys = [keys.VISITS, keys.IS_NEW_WAYPOINT], [keys.COUNT_REWARD]
 
     def __init__(
         self,
@@ -141,7 +134,10 @@ class TemporalDistanceReward(_NoveltyReward):
         out_keys: key of the reward, float32 ``[*B, 1]``.
     """
 
-    default_keys = [SIMILARITY, IS_NEW_WAYPOINT], [TEMPORAL_DISTANCE_REWARD]
+    default_keys = (
+        [keys.SIMILARITY, keys.IS_NEW_WAYPOINT],
+        [keys.TEMPORAL_DISTANCE_REWARD],
+    )
 
     def __init__(
         self,
@@ -179,10 +175,43 @@ class IntrinsicReward(_NoveltyReward):
         tensor([0.1000, 1.6000])
     """
 
-    default_keys = [COUNT_REWARD, TEMPORAL_DISTANCE_REWARD], [INTRINSIC_REWARD]
-
-    def __init__(self, *, in_keys: Keys = None, out_keys: Keys = None) -> None:
-        super().__init__(in_keys, out_keys)
+    default_keys = (
+        [keys.COUNT_REWARD, keys.TEMPORAL_DISTANCE_REWARD],
+        [keys.INTRINSIC_REWARD],
+    )
 
     def _pay(self, count: Tensor, temporal_distance: Tensor) -> Tensor:
         return count + temporal_distance
+
+
+class RandomReward(SeededMixin, KeyedTransform):
+    """Draws a reward from [0, 1) for each env and decision, as a control for learners.
+
+    The generator is on the CPU: the same seed gives the same rewards on every device.
+    Copies in several workers need different seeds.
+
+    Args:
+        seed: of the rewards; ``None`` takes one from the operating system.
+        out_keys: key of the reward, float32 ``[*B, 1]``.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> drawn = RandomReward(seed=0)._step(None, TensorDict(batch_size=[2]))
+        >>> drawn["intrinsic_reward"].squeeze(-1)
+        tensor([0.4963, 0.7682])
+    """
+
+    default_keys = [], [keys.INTRINSIC_REWARD]
+
+    def __init__(self, seed: int | None = None, *, out_keys: Keys = None) -> None:
+        super().__init__([], out_keys)
+        self.set_seed(seed)
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        drawn = torch.rand(*next_tensordict.batch_size, 1, generator=self.generator)
+        return next_tensordict.set(self.out_keys[0], drawn.to(next_tensordict.device))
+
+    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
+        shape, device = (*reward_spec.shape, 1), reward_spec.device
+        reward_spec[self.out_keys[0]] = Bounded(0.0, 1.0, shape, device, torch.float32)
+        return reward_spec

@@ -6,14 +6,7 @@ from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 from torchrl.data import Bounded, Categorical, Composite, TensorSpec
 
-from toponav.keys import (
-    ACTION,
-    INTRINSIC_REWARD,
-    PIXELS,
-    POLICY_PIXELS,
-    PREVIOUS_ACTION,
-    PREVIOUS_REWARD,
-)
+from toponav import keys
 from toponav.transforms.specs import KeyedTransform, Keys, ViewTransform, find_spec
 
 
@@ -48,7 +41,7 @@ class PolicyPixels(ViewTransform):
     ) -> None:
         if len(size) != 2 or min(size) < 1:
             raise ValueError(f"size must be two numbers of at least 1, got {size}")
-        super().__init__(in_keys or [PIXELS], out_keys or [POLICY_PIXELS])
+        super().__init__(in_keys or [keys.PIXELS], out_keys or [keys.POLICY_PIXELS])
         self.size = tuple(size)
 
     def _apply_transform(self, obs: Tensor) -> Tensor:
@@ -90,7 +83,7 @@ class PreviousAction(KeyedTransform):
         tensor([4, 4])
     """
 
-    default_keys = [ACTION], [PREVIOUS_ACTION]
+    default_keys = [keys.ACTION], [keys.PREVIOUS_ACTION]
 
     def __init__(
         self, num_actions: int, *, in_keys: Keys = None, out_keys: Keys = None
@@ -149,7 +142,7 @@ class PreviousReward(KeyedTransform):
         tensor([0.2000, 1.0000])
     """
 
-    default_keys = [INTRINSIC_REWARD], [PREVIOUS_REWARD]
+    default_keys = [keys.INTRINSIC_REWARD], [keys.PREVIOUS_REWARD]
 
     def __init__(
         self, clip: float = 1.0, *, in_keys: Keys = None, out_keys: Keys = None

@@ -1,10 +1,12 @@
-"""What transforms share: keys, specs, views and generators."""
+"""What transforms share: keys, specs, views, generators and buffers of episodes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs.transforms import Transform
 
@@ -19,7 +21,7 @@ class KeyedTransform(Transform):
 
     default_keys: tuple[Sequence[NestedKey], Sequence[NestedKey]]
 
-    def __init__(self, in_keys: Keys, out_keys: Keys) -> None:
+    def __init__(self, in_keys: Keys = None, out_keys: Keys = None) -> None:
         default_in, default_out = self.default_keys
         super().__init__(in_keys or default_in, out_keys or default_out)
         num_in, num_out = len(default_in), len(default_out)
@@ -109,3 +111,42 @@ def find_views(
             f"PermuteTransform({dims}) before this transform"
         )
     return spec
+
+
+class ResizableBuffers:
+    """Mixin of modules whose buffers take shape and dtype of the state they load."""
+
+    def _load_from_state_dict(
+        self, state_dict: Mapping[str, Any], prefix: str, *args: Any
+    ) -> None:
+        module: Any = self
+        for name, buffer in list(module.named_buffers(recurse=False)):
+            stored = state_dict.get(prefix + name)
+            if isinstance(stored, Tensor):
+                setattr(self, name, torch.empty_like(stored, device=buffer.device))
+        super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
+
+
+def restarting_rows(
+    transform: Transform,
+    tensordict: TensorDictBase,
+    shape: torch.Size,
+    device: torch.device,
+) -> Tensor:
+    """Which envs begin a new episode in this reset, bool ``[*B]``: all if unmasked."""
+    keys = ["_reset"] if transform.parent is None else transform.parent.reset_keys
+    masks = [tensordict.get(key, None) for key in keys]
+    rows = [mask.reshape(*shape, -1).any(-1) for mask in masks if mask is not None]
+    if not rows:
+        return torch.ones(shape, dtype=torch.bool, device=device)
+    return torch.stack(rows).any(0).to(device)
+
+
+def grow_slots(buffer: Tensor, num_slots: int, capacity: int | None = None) -> Tensor:
+    """``buffer [N, A, ...]`` with room for ``num_slots`` per env, at least doubled."""
+    slots = buffer.shape[1]
+    if num_slots <= slots:
+        return buffer
+    room = max(num_slots, 2 * slots, 8)
+    room = room if capacity is None else min(room, capacity)
+    return F.pad(buffer, [0, 0] * (buffer.ndim - 2) + [0, room - slots])

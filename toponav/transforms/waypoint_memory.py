@@ -8,23 +8,13 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
-from toponav.keys import (
-    EMBEDDING,
-    IS_NEW_WAYPOINT,
-    NOVEL,
-    NUM_WAYPOINTS,
-    PIXELS,
-    SIMILARITY,
-    VISITS,
-    WAYPOINT,
-)
+from toponav import keys
 from toponav.transforms.embed_views import Compare, Embed, ViewSimilarity
-from toponav.transforms.episode_buffers import restarting_rows
-from toponav.transforms.specs import KeyedTransform, Keys, find_views
+from toponav.transforms.specs import KeyedTransform, Keys, find_views, restarting_rows
 from toponav.transforms.waypoint_slots import CountOn, WaypointSlots
 
-_OUT_KEYS = [EMBEDDING, WAYPOINT, SIMILARITY, NOVEL, IS_NEW_WAYPOINT]
-_OUT_KEYS += [VISITS, NUM_WAYPOINTS]
+_OUT_KEYS = [keys.EMBEDDING, keys.WAYPOINT, keys.SIMILARITY, keys.NOVEL]
+_OUT_KEYS += [keys.IS_NEW_WAYPOINT, keys.VISITS, keys.NUM_WAYPOINTS]
 #: Decisions from one reading of numbers to the next where it waits for the device: as
 #: many slots are compared as the fullest env had waypoints then.
 _READ_EVERY = 16
@@ -72,7 +62,7 @@ class WaypointMemory(KeyedTransform):
         [0, 1, 1]
     """
 
-    default_keys = [PIXELS], _OUT_KEYS
+    default_keys = [keys.PIXELS], _OUT_KEYS
 
     def __init__(
         self,

@@ -5,7 +5,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor, nn
 
-from toponav.transforms.episode_buffers import ResizableBuffers, grow_slots
+from toponav.transforms.specs import ResizableBuffers, grow_slots
 
 CountOn = Literal["every", "entry"]
 

@@ -6,12 +6,14 @@ from torch import Tensor
 from torchrl.data import Binary, Composite
 
 from toponav.keys import HEADING, IS_NEW_WAYPOINT, POSITION, SPURIOUS_WAYPOINT
-from toponav.transforms.episode_buffers import (
+from toponav.transforms.specs import (
+    KeyedTransform,
+    Keys,
     ResizableBuffers,
+    find_spec,
     grow_slots,
     restarting_rows,
 )
-from toponav.transforms.specs import KeyedTransform, Keys, find_spec
 
 
 class WaypointTruth(ResizableBuffers, KeyedTransform):

@@ -5,4 +5,4 @@ from toponav.graph.navigation.navigator import (
     Locomotion as Locomotion,
     Navigator as Navigator,
 )
-from toponav.graph.navigation.planner import Plan as Plan, Planner as Planner
+from toponav.graph.navigation.plans import Plan as Plan, Planner as Planner

@@ -7,33 +7,19 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from toponav import keys
 from toponav.graph.navigation.goals import GoalNodes
 from toponav.graph.navigation.localiser import Localiser, Map
-from toponav.graph.navigation.planner import Planner
-from toponav.graph.navigation.plans import Plans
+from toponav.graph.navigation.plans import Planner, Plans
 from toponav.graph.navigation.progress import Progress
 from toponav.graph.navigation.sampler import ActionSampler
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
-from toponav.keys import (
-    ACTION,
-    CUT_FROM,
-    CUT_TO,
-    GOAL_NODE,
-    GOAL_VIEWS,
-    IS_INIT,
-    LOST,
-    NUM_CUTS,
-    PATH_COST,
-    PIXELS,
-    PLACE,
-    PREVIOUS_REWARD,
-    TARGET,
-)
 
 #: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
 Locomotion = Callable[[Tensor, Tensor], Tensor]
-_DECIDED = [PLACE, TARGET, GOAL_NODE, PATH_COST, NUM_CUTS, CUT_FROM, CUT_TO, LOST]
+_DECIDED = [keys.PLACE, keys.TARGET, keys.GOAL_NODE, keys.PATH_COST]
+_DECIDED += [keys.NUM_CUTS, keys.CUT_FROM, keys.CUT_TO, keys.LOST]
 
 
 class Navigator(TensorDictModuleBase):
@@ -94,11 +80,11 @@ class Navigator(TensorDictModuleBase):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        wanted = [PIXELS, GOAL_VIEWS, IS_INIT]
+        wanted = [keys.PIXELS, keys.GOAL_VIEWS, keys.IS_INIT]
         if goal_reward is not None:
-            wanted.append(PREVIOUS_REWARD)
+            wanted.append(keys.PREVIOUS_REWARD)
         self.in_keys = wanted if in_keys is None else list(in_keys)
-        self.out_keys = [ACTION, *_DECIDED]
+        self.out_keys = [keys.ACTION, *_DECIDED]
         if len(self.in_keys) != len(wanted):
             raise ValueError(f"in_keys must be {len(wanted)}, got {self.in_keys}")
         self.map = map
@@ -164,7 +150,7 @@ class Navigator(TensorDictModuleBase):
         )
         shape, device = tensordict.batch_size, tensordict.device
         action = self._act(place, target, embedding)
-        tensordict.set(ACTION, action.reshape(shape).to(device))
+        tensordict.set(keys.ACTION, action.reshape(shape).to(device))
         for key, value in zip(_DECIDED, decided, strict=True):
             tensordict.set(key, value.reshape(*shape, 1).to(device))
         return tensordict
