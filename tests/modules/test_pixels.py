@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from toponav.modules.pixels import check_pixels, compute_dtype, pixels_to_planes
+from toponav.modules.encoders import check_pixels, compute_dtype, pixels_to_planes
 
 
 def test_planes_are_the_image_scaled_without_moving_a_pixel() -> None:

@@ -48,9 +48,7 @@ def test_the_pictures_are_those_of_the_goals_cell_in_all_decisions():
 
 def test_a_goal_without_pictures_is_refused():
     env = TransformedEnv(make_env(), GoalViews(CELLS[:1] * 0, VIEWS[:1]))
-    with pytest.raises(
-        ValueError, match=r"a cell with views, got \[\d, \d\]; there are"
-    ):
+    with pytest.raises(ValueError, match=r"a cell with views, got \[\d, \d\]"):
         env.reset()
 
 

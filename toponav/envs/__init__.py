@@ -6,7 +6,7 @@ from toponav.envs.engines import (
     end_stray_engines as end_stray_engines,
     load_engine as load_engine,
 )
-from toponav.envs.errors import (
+from toponav.envs.game import (
     EngineError as EngineError,
     EngineLostError as EngineLostError,
 )

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from toponav.envs.errors import EngineError, EngineLostError
-from toponav.envs.game import Game, GameEngine, Look
+from toponav.envs.game import EngineError, EngineLostError, Game, GameEngine, Look
 from toponav.envs.layout import Layout
 from toponav.envs.lockstep_thread_pool import LockstepThreadPool
 from toponav.envs.scene import Scene, SceneRules, draw_scene

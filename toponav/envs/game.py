@@ -1,4 +1,4 @@
-"""What an engine must offer so that mazes can run on it."""
+"""What an engine must offer so that mazes can run on it, and how it fails."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,14 @@ from numpy.typing import NDArray
 from toponav.envs.layout import Layout
 from toponav.envs.scene import Pose, Scene
 from toponav.worlds import Motion, WorldSpec
+
+
+class EngineError(RuntimeError):
+    """The engine could not be started, or did something that it must not."""
+
+
+class EngineLostError(EngineError):
+    """A running engine died; a new one can take its place."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,11 +1,12 @@
 """The mazes that come with the package, and random ones."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from importlib.resources import files
 
 import networkx as nx
 import numpy as np
 
-from toponav.envs.errors import unknown_name
 from toponav.envs.layout import FLOOR, MAX_SIDE, WALL, Layout
 
 #: Mazes 1 to 3 (paper: Fig. 15) and the parameter-selection maze (Fig. 13).
@@ -68,3 +69,13 @@ def make_random_layout(
         letters[r0 + r1 + 1, c0 + c1 + 1] = FLOOR
     text = "\n".join("".join(row) for row in letters)
     return Layout(text, name=f"random-{rows}x{cols}-{seed}")
+
+
+def unknown_name(what: str, name: str, choices: Iterable[str]) -> ValueError:
+    """The error for a name that is not among the choices; it names the nearest one."""
+    known = sorted(choices)
+    near = get_close_matches(name, known, n=1, cutoff=0.0)[0]
+    return ValueError(
+        f"{what} must be one of {', '.join(known)}, got '{name}' "
+        f"(did you mean '{near}'?)"
+    )

@@ -98,11 +98,7 @@ class WalkWaypoints:
 
 
 def share_curve(walks: Sequence[WalkWaypoints], thresholds: Sequence[float]) -> Tensor:
-    """Share of waypoints of S walks at K thresholds, float64 ``[S, K]``.
-
-    It need not rise with the threshold: an observation that a higher threshold lets in
-    may cover several that came in without it. In practice the mean over walks rises.
-    """
+    """Share of waypoints of S walks at K thresholds, float64 ``[S, K]``."""
     shares = [[walk.share(threshold) for threshold in thresholds] for walk in walks]
     return torch.tensor(shares, dtype=torch.float64)
 
@@ -162,10 +158,9 @@ def calibrate_reach(
     """Choose tc_re, above which one place counts as reachable from another.
 
     Nine in ten of all pairs of views at most k (``max_action_distance``) decisions
-    apart pass: an edge means "an agent gets there in k decisions". Missing one in ten
-    is cheap, as many pairs link two places. The paper asks for 0.5 < tc_re < tc_th; a
-    value outside is moved 5 % of that interval inside its nearer end, and ``achieved``
-    then shows the cost. (If tc_th <= 0.5, the interval is empty and tc_re = tc_th.)
+    apart pass: an edge means "an agent gets there in k decisions". The paper asks for
+    0.5 < tc_re < tc_th; a value outside is moved 5 % of that interval inside its nearer
+    end, and ``achieved`` then shows the cost. (If tc_th <= 0.5, tc_re = tc_th.)
 
     Reference:
         The paper, eqs. 10 and 12; A12 of our readings.

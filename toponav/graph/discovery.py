@@ -56,8 +56,7 @@ class Track:
 class Discovery:
     """Maps observations to waypoints, adds those that are like none, and links them.
 
-    Environments are processed side by side, so that the network compares many pairs at
-    once; each sees the waypoints that the others have added so far.
+    Environments go side by side: the network then compares many pairs at once.
     """
 
     def __init__(
@@ -87,10 +86,7 @@ class Discovery:
                 track.frames = self.waypoints.embed(track.images)
 
     def add(self, pieces: Sequence[Piece]) -> list[int]:
-        """Continue episodes by their pieces; the waypoints of what was decided.
-
-        Once an episode has ended that is all of it, in order within an environment.
-        """
+        """Continue episodes by their pieces; the waypoints of what was decided."""
         pieces_of = defaultdict[int, list[Piece]](list)
         for piece in pieces:
             pieces_of[piece.env].append(piece)

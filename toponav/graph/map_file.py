@@ -37,10 +37,7 @@ def save_map(
     *,
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a `TopologicalMap.state_dict` into one file, atomically.
-
-    ``about`` are words to keep, such as the maze's name.
-    """
+    """Write a `TopologicalMap.state_dict` and words ``about`` it, atomically."""
     path = Path(path)
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -18,16 +18,15 @@ from toponav.graph.waypoints import Compare, Embed, Waypoints
 class TopologicalMap:
     """A graph of views, each of which stands for what is close to it in time.
 
-    Observations are fed in the order in which they were made, as episodes or as a
-    collector's batches. Each is mapped to a waypoint or becomes one, by `MapRules`:
+    Observations come in order, as episodes or as a collector's batches. Each is mapped
+    to a waypoint or becomes one, by `MapRules`:
 
     1. its similarity to a waypoint is the mean over ``window`` observations on either
        side of it and itself;
     2. it stays at the last waypoint while that passes ``tc_threshold``
        (``hysteresis``); if not, the most similar of the ``nearby`` ones takes over;
-    3. if none of them passes, the most similar of the ``shortlist`` of all waypoints
-       does, by the mean over ``search_window`` observations on either side: a leap
-       through the map must be backed by more than one view;
+    3. if none of them passes, the most similar of the ``shortlist`` of all does, by the
+       mean over ``search_window`` observations on either side;
     4. if none at all passes, it becomes a waypoint: eq. 9's elimination for the first
        episode, and eq. 11's extension for all later ones.
 
@@ -43,16 +42,13 @@ class TopologicalMap:
 
     Args:
         embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
-        compare: embeddings ``[N, D]`` and memory ``[N, M, P]`` to similarities
-            ``[N, M]`` in [0, 1].
+        compare: ``[N, D]`` and memory ``[N, M, P]`` to similarities ``[N, M]``, 0 to 1.
         rules: its choices.
         prepare: embeddings ``[N, M, D]`` to memory ``[N, M, P]``; ``None`` keeps them.
         goal_reward: a task reward of at least this much means that the agent was put
             elsewhere, so that no edge joins before and after; ``None`` if it never is.
 
     Examples:
-        Views of one pixel, compared by colour. The third is like the second:
-
         >>> from tensordict import TensorDict
         >>> grey = torch.tensor([0.0, 0.5, 0.55, 0.0]).reshape(4, 1)
         >>> flags = torch.tensor([[False], [False], [False], [True]])
@@ -124,9 +120,8 @@ class TopologicalMap:
     def extend(self, data: TensorDictBase) -> int:
         """Continue episodes by a batch ``[E, T]``; count the new waypoints.
 
-        The last observations of an unfinished episode, whose votes are not complete,
-        are mapped with the next batch. Embeddings of another version than
-        ``network_version`` are made again from the views.
+        Observations whose votes are not complete are mapped with the next batch, and
+        embeddings of another ``network_version`` are made again from the views.
         """
         if data.batch_dims != 2 or not data.shape[1]:
             raise ValueError(f"batches must be [E, T >= 1], got {list(data.shape)}")
@@ -159,10 +154,9 @@ class TopologicalMap:
         return self.graph.update_similarities(similarity, self.rules.tc_reach)
 
     def merge(self, into: Tensor) -> Tensor:
-        """Unite waypoints; see `sparsify` for which.
+        """Unite waypoints; the new number of each, int64 ``[W]``.
 
-        ``into`` has the waypoint that each becomes part of; one that stays is its own.
-        Returns the new number of each; both int64 ``[W]``.
+        ``into``, int64 ``[W]``, has what each becomes part of; itself if it stays.
         """
         if not torch.equal(into[into], into):
             raise ValueError(
@@ -201,8 +195,7 @@ def sparsify(topological_map: TopologicalMap, *, tolerance: float = 0.1) -> Tens
     A waypoint becomes part of an older neighbour if each of the two passes
     ``tc_threshold`` of the other, and if to and from every neighbour of either one
     their similarities differ by at most ``tolerance``, in [0, 1]. Newest first; nothing
-    becomes part of a waypoint that goes itself, so that no chain of small differences
-    makes a large one. Returns the new number of each waypoint, int64 ``[W]``.
+    becomes part of what goes itself. Returns the new number of each, int64 ``[W]``.
 
     Reference:
         The paper leaves sparser maps to future work. Merging where both directions

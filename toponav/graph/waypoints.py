@@ -131,10 +131,7 @@ class Waypoints:
         return self.compare(embeddings, prepared.expand(len(embeddings), -1, -1))
 
     def shortlist(self, embedding: Tensor, most: int | None) -> Tensor:
-        """The ``most`` waypoints whose entries are nearest to that of a view ``[D]``.
-
-        Of 250 views in a map of 1,600 the most similar was among the nearest 32.
-        """
+        """The ``most`` waypoints with entries nearest to that of a view ``[D]``."""
         if most is None or most >= len(self):
             return torch.arange(len(self))
         entry = self.entries(embedding.unsqueeze(0))

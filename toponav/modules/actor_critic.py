@@ -12,13 +12,13 @@ from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from toponav import keys
-from toponav.modules.episodic_lstm import EpisodicLSTM, State
-from toponav.modules.pixels import (
+from toponav.modules.encoders import (
     check_pixels,
     compute_dtype,
     start_orthogonal,
     use_channels_last,
 )
+from toponav.modules.episodic_lstm import EpisodicLSTM, State
 
 Input = Literal["pixels", "embedding"]
 NEXT_HIDDEN: NestedKey = ("next", *keys.HIDDEN)

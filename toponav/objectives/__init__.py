@@ -2,9 +2,9 @@
 
 from toponav.objectives.a3c_loss import A3CLoss as A3CLoss
 from toponav.objectives.pair_losses import LLoss as LLoss, TCLoss as TCLoss
-from toponav.objectives.recurrent_ppo_loss import RecurrentPPOLoss as RecurrentPPOLoss
-from toponav.objectives.return_scale import ReturnScale as ReturnScale
-from toponav.objectives.sequence_minibatches import (
+from toponav.objectives.recurrent_ppo_loss import (
+    RecurrentPPOLoss as RecurrentPPOLoss,
     SequenceMinibatches as SequenceMinibatches,
 )
+from toponav.objectives.return_scale import ReturnScale as ReturnScale
 from toponav.objectives.shared_rmsprop import SharedRMSProp as SharedRMSProp

@@ -21,8 +21,8 @@ class Coverage(ResizableBuffers, KeyedTransform):
     """Measures which share of the open cells an env has visited this episode.
 
     The reward is the number of cells entered for the first time in this decision. It
-    reads privileged keys only: no agent sees it. A slot that is closed at the moment
-    counts neither as open nor as visited; when it opens, coverage may fall.
+    reads privileged keys: no agent sees it. A closed slot counts neither as open nor as
+    visited; when it opens, coverage may fall.
 
     Args:
         open_mask: bool ``[rows, cols]``, true where there is floor, slots included.
@@ -123,17 +123,16 @@ class Coverage(ResizableBuffers, KeyedTransform):
         if num_slots := len(self.slot_indices):
             find_spec(observation_spec, BLOCKED, length=num_slots)
         shape, device = cell.shape[:-1], observation_spec.device
-        share, reached = self.out_keys[0], self.out_keys[2]
-        levels = (*shape, len(self.levels))
-        observation_spec[share] = Bounded(0.0, 1.0, (*shape, 1), device, torch.float32)
-        observation_spec[reached] = Unbounded(levels, device, torch.int64)
+        share = Bounded(0.0, 1.0, (*shape, 1), device, torch.float32)
+        reached = Unbounded((*shape, len(self.levels)), device, torch.int64)
+        observation_spec[self.out_keys[0]] = share
+        observation_spec[self.out_keys[2]] = reached
         return observation_spec
 
     def transform_reward_spec(self, reward_spec: Composite) -> Composite:
         cell = self.parent.observation_spec[self.in_keys[0]]
         spec = Unbounded((*cell.shape[:-1], 1), cell.device, torch.float32)
-        reward_spec[self.out_keys[1]] = spec
-        return reward_spec
+        return reward_spec.set(self.out_keys[1], spec)
 
 
 def _check_arguments(
@@ -148,7 +147,7 @@ def _check_arguments(
         raise ValueError("open_mask must have an open cell, got none")
     if not levels or not all(0 < level <= 1 for level in levels):
         raise ValueError(f"levels must be in (0, 1], got {tuple(levels)}")
-    open_cells = {(row, column) for row, column in open_mask.nonzero().tolist()}
+    open_cells = open_mask.nonzero().tolist()
     for cell in slot_cells:
-        if cell not in open_cells:
+        if list(cell) not in open_cells:
             raise ValueError(f"slot_cells must be open cells, got {cell}")

@@ -21,8 +21,7 @@ _ROUNDING = 1e-3
 class EmbedViews(ViewTransform):
     """Writes the embedding of each view, without gradient, as `WaypointMemory` does.
 
-    The network is a callable in ``eval()`` mode, neither moved nor saved with the
-    transform; its new weights count from the next decision on.
+    The network is a callable in ``eval()`` mode, neither moved nor saved with it.
 
     Args:
         embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
@@ -50,16 +49,12 @@ class EmbedViews(ViewTransform):
         return embedding.reshape(*obs.shape[:-3], -1)
 
     def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
-        shape = (*view.shape[:-3], embedding_length(self._embed, view))
-        return Unbounded(shape, view.device, torch.float32)
+        length = embed_one(self._embed, view).shape[-1]
+        return Unbounded((*view.shape[:-3], length), view.device, torch.float32)
 
 
 class ViewSimilarity:
-    """How `WaypointMemory` compares views, with the arguments of the same names.
-
-    Not a module, so that a transform that holds one neither moves nor saves nor trains
-    the networks behind it.
-    """
+    """How `WaypointMemory` compares views; no module, so that it moves no network."""
 
     def __init__(
         self, embed: Embed, compare: Compare, prepare: Embed | None = None
@@ -103,30 +98,23 @@ class ViewSimilarity:
     def embedding_length(self, views: TensorSpec) -> int:
         """D, and ValueError if a callable returns a wrong shape for one view."""
         if views.shape not in self._lengths:
-            length = embedding_length(self._embed, views)
-            embedding = self.embed(_one_of(views))
+            embedding = embed_one(self.embed, views)
             similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
             if similarity.shape != (1, 1):
                 raise ValueError(
                     f"compare must return [N, M], got {list(similarity.shape)} for "
                     "N = 1 and M = 1"
                 )
-            self._lengths[views.shape] = length
+            self._lengths[views.shape] = embedding.shape[-1]
         return self._lengths[views.shape]
 
 
 @torch.no_grad()
-def embedding_length(embed: Embed, views: TensorSpec) -> int:
-    """D, and ValueError if ``embed`` returns a wrong shape for one view."""
-    embedding = embed(_one_of(views))
+def embed_one(embed: Embed, views: TensorSpec) -> Tensor:
+    """The embedding ``[1, D]`` of a black view; ValueError if it has another shape."""
+    embedding = embed(views.zero().reshape(-1, *views.shape[-3:])[:1])
     if embedding.ndim != 2 or len(embedding) != 1:
         raise ValueError(
             f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
         )
-    return embedding.shape[-1]
-
-
-def _one_of(views: TensorSpec) -> Tensor:
-    """One black view ``[1, H, W, C]``."""
-    one: Tensor = views.zero().reshape(-1, *views.shape[-3:])[:1]
-    return one
+    return embedding

@@ -67,17 +67,14 @@ class GoalViews(KeyedTransform):
         goal = tensordict[self.in_keys[0]]
         self.to(goal.device)
         is_at = (goal.unsqueeze(-2) == self.cells).all(-1)
-        if not bool(is_at.any(-1).all()):
-            cell = goal[~is_at.any(-1)][0].tolist()
-            raise ValueError(
-                f"{self.in_keys[0]!r} must be a cell with views, got {cell}; there are "
-                f"{len(self.cells)} cells, the first is {self.cells[0].tolist()}"
-            )
+        unknown = goal[~is_at.any(-1)].tolist()
+        if unknown:
+            key = self.in_keys[0]
+            raise ValueError(f"{key!r} must be a cell with views, got {unknown[0]}")
         return tensordict.set(self.out_keys[0], self.views[is_at.int().argmax(-1)])
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         goal = find_spec(observation_spec, self.in_keys[0], length=2)
         shape = (*goal.shape[:-1], *self.views.shape[1:])
-        spec = Bounded(0, 255, shape, goal.device, self.views.dtype)
-        observation_spec[self.out_keys[0]] = spec
-        return observation_spec
+        shown = Bounded(0, 255, shape, goal.device, self.views.dtype)
+        return observation_spec.set(self.out_keys[0], shown)

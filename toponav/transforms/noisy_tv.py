@@ -26,12 +26,8 @@ NoiseLaw = Callable[[tuple[int, ...], torch.Generator], Tensor]
 QUADRANTS: tuple[str, ...] = get_args(Quadrant)
 
 
-def _uniform(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-    return torch.randint(256, shape, generator=generator, dtype=torch.uint8)
-
-
-def _binary(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
-    return 255 * torch.randint(2, shape, generator=generator, dtype=torch.uint8)
+def _integers(shape: tuple[int, ...], generator: torch.Generator, end: int) -> Tensor:
+    return torch.randint(end, shape, generator=generator, dtype=torch.uint8)
 
 
 def _normal(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
@@ -40,9 +36,9 @@ def _normal(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
 
 
 NOISE_LAWS: Mapping[str, NoiseLaw] = {
-    "binary": _binary,
+    "binary": lambda shape, generator: 255 * _integers(shape, generator, 2),
     "normal": _normal,
-    "uniform": _uniform,
+    "uniform": lambda shape, generator: _integers(shape, generator, 256),
 }
 
 
@@ -52,9 +48,8 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     The noise is a part of the world: this is the one transform that writes over its
     views, unless ``out_keys`` are given, so that whoever reads ``pixels`` sees it.
     Each episode of an env draws a quadrant and keeps it. All ``in_keys`` of an env show
-    the same noise. One generator serves the whole batch, on the CPU: the same seed and
-    resets give the same noise on every device. Copies in several workers need different
-    seeds.
+    the same noise. The generator is on the CPU: the same seed and resets give the same
+    noise on every device. Copies in several workers need different seeds.
 
     Reference:
         The paper, '"Noisy-TV" experiment': 21x21, uniform in [0, 255].

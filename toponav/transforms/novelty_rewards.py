@@ -121,9 +121,8 @@ class TemporalDistanceReward(_NoveltyReward):
     """Pays ``beta / similarity`` to the nearest waypoint for a new one (eq. 7).
 
     Each payment makes its own view known: an agent cannot be paid for staying. The
-    paper pays for every view that is mapped to no waypoint; with other guards than
-    `WaypointMemory`'s defaults, give ``novel`` in place of ``is_new_waypoint`` for
-    that.
+    paper pays for every view that is mapped to no waypoint: give ``novel`` in place of
+    ``is_new_waypoint`` for that.
 
     Args:
         beta: what a view of similarity 1 pays, at least 0.
@@ -187,8 +186,7 @@ class IntrinsicReward(_NoveltyReward):
 class RandomReward(SeededMixin, KeyedTransform):
     """Draws a reward from [0, 1) for each env and decision, as a control for learners.
 
-    The generator is on the CPU: the same seed gives the same rewards on every device.
-    Copies in several workers need different seeds.
+    The same seed gives the same rewards on every device; workers need different ones.
 
     Args:
         seed: of the rewards; ``None`` takes one from the operating system.
@@ -213,5 +211,5 @@ class RandomReward(SeededMixin, KeyedTransform):
 
     def transform_reward_spec(self, reward_spec: Composite) -> Composite:
         shape, device = (*reward_spec.shape, 1), reward_spec.device
-        reward_spec[self.out_keys[0]] = Bounded(0.0, 1.0, shape, device, torch.float32)
-        return reward_spec
+        spec = Bounded(0.0, 1.0, shape, device, torch.float32)
+        return reward_spec.set(self.out_keys[0], spec)

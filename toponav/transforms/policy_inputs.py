@@ -13,8 +13,7 @@ from toponav.transforms.specs import KeyedTransform, Keys, ViewTransform, find_s
 class PolicyPixels(ViewTransform):
     """Writes views at another size, averaged so that nothing small flickers.
 
-    uint8 stays uint8. Unlike `torchrl.envs.Resize` it needs no torchvision and takes
-    height, width, channels; unlike `AreaDownsample` any size.
+    uint8 stays uint8. Unlike TorchRL's ``Resize`` it needs no torchvision.
 
     Reference:
         The paper, "Model implementation": 84x84 RGB.
@@ -111,17 +110,15 @@ class PreviousAction(KeyedTransform):
         return tensordict_reset.set(self.out_keys[0], none)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        actions, key = self.parent.full_action_spec, self.in_keys[0]
-        action = find_spec(actions, key, kind="an action")
-        space = getattr(action.space, "n", None)
-        if space != self.num_actions:
+        key = self.in_keys[0]
+        action = find_spec(self.parent.full_action_spec, key, kind="an action")
+        if (space := getattr(action.space, "n", None)) != self.num_actions:
             raise ValueError(
                 f"num_actions must be that of {key!r}, {space}, got {self.num_actions}"
             )
         shape, device = (*observation_spec.shape, 1), observation_spec.device
         spec = Categorical(self.num_actions + 1, shape, device)
-        observation_spec[self.out_keys[0]] = spec
-        return observation_spec
+        return observation_spec.set(self.out_keys[0], spec)
 
 
 class PreviousReward(KeyedTransform):
@@ -132,8 +129,7 @@ class PreviousReward(KeyedTransform):
 
     Args:
         clip: rewards are cut to ``[-clip, clip]``.
-        in_keys: key of the reward, ``intrinsic_reward`` unless given.
-        out_keys: key of the clipped one, ``previous_reward`` unless given.
+        in_keys, out_keys: keys of the reward and of the clipped one, ``[*B, 1]``.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -164,9 +160,8 @@ class PreviousReward(KeyedTransform):
         return tensordict_reset.set(self.out_keys[0], start)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        rewards = self.parent.full_reward_spec
-        reward = find_spec(rewards, self.in_keys[0], kind="a reward")
-        observation_spec[self.out_keys[0]] = Bounded(
-            -self.clip, self.clip, reward.shape, reward.device, reward.dtype
-        )
-        return observation_spec
+        specs = self.parent.full_reward_spec
+        reward = find_spec(specs, self.in_keys[0], kind="a reward")
+        bounds = (-self.clip, self.clip)
+        spec = Bounded(*bounds, reward.shape, reward.device, reward.dtype)
+        return observation_spec.set(self.out_keys[0], spec)

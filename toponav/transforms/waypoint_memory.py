@@ -27,9 +27,7 @@ class WaypointMemory(KeyedTransform):
     similarity to a waypoint exceeds ``threshold`` is mapped to it (ties: the lower
     index), whose visits go up by one. Any other view is *novel*, and becomes a
     waypoint, with one visit, if ``persistence``, ``min_gap`` and ``capacity`` allow it.
-
-    The callables stay their owner's: neither moved nor saved, to be in ``eval()`` mode.
-    All envs are one batch for them, ``N = prod(B)``. The memory is in ``state_dict()``.
+    The callables are neither moved nor saved with it and must be in ``eval()`` mode.
 
     Reference:
         The paper, "Formulate reward function", Fig. 5 and eq. 6.

@@ -19,8 +19,8 @@ from toponav.transforms.specs import (
 class WaypointTruth(ResizableBuffers, KeyedTransform):
     """Marks *spurious* waypoints: an earlier one of the episode is near, heading alike.
 
-    There the similarity has failed to recognise the place. It reads privileged keys and
-    is for evaluation: no agent sees it.
+    The similarity has failed to recognise the place. It reads privileged keys and is
+    for evaluation.
 
     Args:
         distance: how far away, in map units, still is near.
@@ -105,5 +105,4 @@ class WaypointTruth(ResizableBuffers, KeyedTransform):
         for key, length in zip(self.in_keys, (2, 1, 1), strict=True):
             flag = find_spec(observation_spec, key, length=length)
         spec = Binary(1, flag.shape, flag.device, torch.bool)
-        observation_spec[self.out_keys[0]] = spec
-        return observation_spec
+        return observation_spec.set(self.out_keys[0], spec)

@@ -2,8 +2,8 @@
 
 from importlib import import_module
 
-from toponav.envs.errors import unknown_name
 from toponav.envs.game import GameEngine
+from toponav.envs.mazes import unknown_name
 
 #: Name of each engine -> its room, which holds a `GameEngine` as ``ENGINE``. Rooms must
 #: import where the engine is not installed; the first start says what to install.

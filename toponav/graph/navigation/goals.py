@@ -54,10 +54,7 @@ class GoalNodes:
         self._dropped[agents] = 0
 
     def wait(self, place: Tensor) -> Tensor:
-        """Count decisions ``[N]`` at the goal's waypoints, and drop those in vain.
-
-        Returns the agents whose targets changed, bool ``[N]``.
-        """
+        """Count decisions at goals, drop those in vain; whose targets changed."""
         here = self._are_at(place)
         self._waited += here
         late = here & (self._waited >= self.patience)

@@ -36,11 +36,10 @@ class Map(Protocol):
 class Localiser:
     """Maps the view of each of N agents to the waypoint that is most similar to it.
 
-    First along the path that it walks, if it walks one; if no waypoint there passes
-    ``tc_reach``, among those at most ``hops`` edges away from its last place, which is
-    cheaper and surer, since other parts of the maze may look alike; then among all; if
-    none passes, the agent is lost. The path first keeps it on one route: explorers pass
-    a spot many times and leave waypoints from which different routes lead on.
+    First along the path that it walks, which keeps it on one route; if no waypoint
+    there passes ``tc_reach``, among those at most ``hops`` edges away from its last
+    place, since other parts of the maze may look alike; then among all; if none passes,
+    the agent is lost.
 
     Reference:
         The paper, Fig. 10. The path first: Savinov et al., "Semi-parametric topological

@@ -38,18 +38,16 @@ class Navigator(TensorDictModuleBase):
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
     5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
        that would lead on from where it got, and the longer it is stuck, the more of
-       the edges nearby that lead as near to the goal (`Plans`); it plans again at
-       once, and looks for its place off the path too. If no path is left, the oldest
-       cut opens again.
+       the edges nearby that lead as near to the goal (`Plans`), and plans again. If no
+       path is left, the oldest cut opens again.
 
-    Closed edges and dropped goal waypoints stay until the episode ends. It writes the
-    action, int64 ``[*B]``, and what it decided, as `toponav.keys` describes it; it
-    reads no privileged key.
+    It writes the action, int64 ``[*B]``, and what it decided, as `toponav.keys`
+    describes it, and reads no privileged key.
 
-    It is a policy for any TorchRL collector or rollout, with any batch shape. It keeps
-    its state itself, one row an env, and resets it where ``is_init`` is true, so one
-    object must not serve two collectors. A new version of the map resets all rows. The
-    callables are neither moved nor saved with it and must be in ``eval()`` mode.
+    It is a policy for any TorchRL collector or rollout, with any batch shape. Its state
+    has one row an env, which resets where ``is_init`` is true; a new version of the map
+    resets all. One object must not serve two collectors. The callables are neither
+    moved nor saved with it and must be in ``eval()`` mode.
 
     Reference:
         The paper, "Navigation implementation", Figs. 10 and 11, eq. 15.
@@ -59,8 +57,7 @@ class Navigator(TensorDictModuleBase):
         embed, compare: as in `TopologicalMap`.
         locomotion: embeddings here and there to logits of the actions that lead there.
         rules: its choices.
-        goal_reward: as in `TopologicalMap`: an agent that was put elsewhere looks for
-            its place on the whole map; with ``None`` no reward is read.
+        goal_reward: as in `TopologicalMap`; with ``None`` no reward is read.
         in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
             ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
             and, with a ``goal_reward``, of the reward before (`PreviousReward`).
@@ -186,11 +183,7 @@ class Navigator(TensorDictModuleBase):
         return place.masked_fill(self._lost_left > 0, -1)
 
     def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
-        """Find a path for everyone, and the waypoint of it to walk to, int64 ``[N]``.
-
-        Both are -1 for an agent without a path to the goal, even with all cuts open, so
-        that it acts as if it were lost. The target is the place itself at the goal.
-        """
+        """Places and the waypoints to walk to, ``[N]``; -1 without a path: lost."""
         self.plans.open_up(place)
         place = place.masked_fill(self.plans.cost(place).isinf(), -1)
         path = self.plans.ahead(place, self.rules.lookahead)

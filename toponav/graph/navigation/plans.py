@@ -87,11 +87,10 @@ class Planner:
     def edges_across(
         self, node: int, costs: Tensor, level: float, closed: Tensor, *, hops: int
     ) -> Tensor:
-        """Numbers of the open edges that lead across a level of cost, near a waypoint.
+        """Numbers of the open edges from costs ``[W]`` of at least ``level`` to lower.
 
-        They join waypoints that are at least ``level`` away from the goal, by ``costs``
-        ``[W]``, with nearer ones. *Near* are those at most ``hops`` open edges from
-        ``node`` that can be reached without coming nearer to the goal than ``level``.
+        They begin at most ``hops`` open edges from ``node``, to be walked without
+        coming nearer to the goal than ``level``.
         """
         is_open = ~closed.cpu()
         one, other = self.edges.unbind(1)
@@ -191,8 +190,7 @@ class Plans:
     def close(self, agent: int, place: int, level: float, *, hops: int) -> int:
         """Cut what leads nearer to the goal than a cost ``level``, near a place.
 
-        If no path would be left from there, less is closed: what lies half as far away
-        as ``hops`` edges, and so on, finally the edges of the place alone. Returns the
+        ``hops`` are halved until a path would be left from there, or to 0. Returns the
         waypoint to which the path led on.
         """
         onward = int(self._onward[agent, place])

@@ -15,10 +15,9 @@ class Progress:
 
     An agent is *stuck* once the second half of its last ``patience`` decisions brought
     it no nearer to the goal than the first half, by the median of the remaining cost,
-    since it mistakes its place now and then. With ``None`` it is never stuck. Most that
-    are stuck only fail to turn a corner, for which one edge less is enough. The *reach*
-    of a cut therefore grows with each that comes soon after another: 0, 1, 3, 7 and so
-    on edges around the place.
+    since it mistakes its place now and then. With ``None`` it is never stuck. The
+    *reach* of a cut grows with each that comes soon after another: 0, 1, 3, 7 and so on
+    edges around the place.
 
     Reference:
         The paper, "Goal reaching process": "if the goal is not reached within a certain
@@ -46,11 +45,7 @@ class Progress:
         self._reach[agents] = 0
 
     def watch(self, place: Tensor, cost: Tensor) -> Tensor:
-        """Record where each agent is and what remains of its path; who is stuck.
-
-        A decision of an agent that is lost, without a path, or at the goal's waypoint
-        does not count.
-        """
+        """Record place and remaining cost of each agent that walks; who is stuck."""
         if self.patience is None:
             return torch.zeros(len(place), dtype=torch.bool)
         walks = (place >= 0) & cost.isfinite() & (cost > 0)
@@ -65,11 +60,7 @@ class Progress:
         return walks & (self._count >= self.patience) & (since >= before)
 
     def give_up(self, agent: int) -> tuple[int, float, int]:
-        """What an agent that is stuck gives up; its watch begins again.
-
-        Returns the waypoint where it came nearest to its goal, the remaining cost
-        there, and the reach of the cut in edges.
-        """
+        """Where an agent came nearest to its goal, the cost there, the cut's reach."""
         number = self._cost.shape[1] // _MISTAKEN + 1
         nearest = self._cost[agent].kthvalue(number)
         reach = int(self._reach[agent])

@@ -10,11 +10,7 @@ _SAME = 1e-4
 
 
 class ActionSampler:
-    """Draws actions of N agents from logits; agents that are lost draw uniformly.
-
-    Drawing, not taking the most probable action, gets an agent out of corners where the
-    controller errs.
-    """
+    """Draws actions of N agents from logits; agents that are lost draw uniformly."""
 
     def __init__(
         self, num_agents: int, rules: NavigatorRules, generator: torch.Generator

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from toponav.envs.engines.doom import instances
 from toponav.envs.engines.doom.level import check_wad
 from toponav.envs.engines.doom.spec import TICS_PER_DECISION, WORLD
-from toponav.envs.errors import EngineError, EngineLostError
+from toponav.envs.game import EngineError, EngineLostError
 
 try:
     import vizdoom

@@ -17,8 +17,7 @@ from toponav.envs.engines.doom.spec import (
     STEP_LENGTH,
     TICS_PER_DECISION,
 )
-from toponav.envs.errors import EngineError
-from toponav.envs.game import Look
+from toponav.envs.game import EngineError, Look
 from toponav.envs.layout import Layout
 from toponav.envs.scene import Pose, Scene
 

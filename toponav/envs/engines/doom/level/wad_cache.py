@@ -17,7 +17,7 @@ import platformdirs
 from toponav.envs.engines.doom import instances
 from toponav.envs.engines.doom.level.compile import CompiledMaze
 from toponav.envs.engines.doom.level.wad import lump_names
-from toponav.envs.errors import EngineError
+from toponav.envs.game import EngineError
 
 _SECONDS = 120.0
 _LOAD_ONCE = """
