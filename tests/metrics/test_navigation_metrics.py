@@ -19,7 +19,7 @@ from toponav.metrics import (
     success_within,
     trace_navigation,
 )
-from toponav.metrics.navigation_faults import FAULTS
+from toponav.metrics.navigation_metrics import FAULTS
 
 # A ring of 5 x 3 cells with a slot in the middle of its upper side; 128 units a cell.
 #   . . a . .

@@ -7,8 +7,6 @@ from hypothesis import given, settings, strategies as st
 from toponav.ground_truth import PairTruth
 from toponav.metrics import (
     most_similar,
-    pair_candidates,
-    place_error,
     pose_bound,
     pose_features,
     tc_report,
@@ -145,39 +143,35 @@ def test_bad_scores_are_refused():
         judge(torch.tensor([0.1, 0.2]), torch.tensor([1, 1]))
 
 
-def test_views_of_one_moment_do_not_stand_for_each_other():
-    episode = torch.tensor([0, 0, 0, 1])
-    step = torch.tensor([0, 19, 20, 0])
-    found = pair_candidates(episode, step, min_gap=20)
-    expected = [[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 1], [1, 1, 1, 0]]
-    assert found.int().tolist() == expected
-    with pytest.raises(ValueError, match="min_gap must be at least 1, got 0"):
-        pair_candidates(episode, step, min_gap=0)
+def test_views_of_one_visit_do_not_stand_for_each_other():
+    episode, step = torch.tensor([0, 0, 0, 1]), torch.tensor([0, 19, 20, 0])
+    # Of views that are all alike, each finds the first that is of another visit.
+    found = most_similar(
+        torch.ones(4, 4), episode, step, rows=torch.arange(4), min_gap=20
+    )
+    assert found.tolist() == [2, 3, 0, 0]
 
 
-def test_place_error_looks_only_at_candidates():
+def test_the_most_similar_view_is_of_another_visit_or_none():
     similarity = torch.tensor([[1.0, 0.9, 0.2], [0.9, 1.0, 0.3], [0.2, 0.3, 1.0]])
-    distance = torch.tensor([[0.0, 10.0, 300.0], [10.0, 0.0, 256.0], [300.0, 256.0, 0]])
+    rows, zeros, step = torch.arange(3), torch.zeros(3), torch.tensor([0, 1, 30])
 
-    def error(candidates):
-        best = most_similar(similarity, candidates)
-        found = distance[torch.arange(3), best]
-        return place_error(torch.where(best >= 0, found, torch.nan), limit=256.0)
+    def found(episode, gap):
+        return most_similar(similarity, episode, step, rows=rows, min_gap=gap).tolist()
 
-    others = ~torch.eye(3, dtype=torch.bool)
-    assert error(others) == 0  # 2's nearest is at 256
-    without = others.clone()
-    without[0, 1] = False  # 0 must take 2, at 300
-    assert error(without) == pytest.approx(1 / 3)
-    without[1] = False  # and 1 is left out
-    assert error(without) == pytest.approx(1 / 2)
+    assert found(zeros, 1) == [1, 0, 1]
+    assert found(zeros, 20) == [2, 2, 1]
+    assert found(zeros, 30) == [2, -1, 0]
+    assert found(torch.tensor([0, 1, 1]), 99) == [1, 0, 0]
 
 
 def test_some_views_look_among_all():
     episode, step = torch.tensor([0, 0, 0, 1]), torch.tensor([0, 1, 30, 0])
-    all_rows = pair_candidates(episode, step, min_gap=20)
+    similarity = torch.rand(4, 4, generator=torch.Generator().manual_seed(0))
     rows = torch.tensor([2, 0])
-    some = pair_candidates(episode, step, min_gap=20, rows=rows)
+    some = most_similar(similarity[rows], episode, step, rows=rows, min_gap=20)
+    every = torch.arange(4)
+    all_rows = most_similar(similarity, episode, step, rows=every, min_gap=20)
     assert torch.equal(some, all_rows[rows])
 
 

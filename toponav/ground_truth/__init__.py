@@ -5,8 +5,8 @@ from toponav.ground_truth.distances import (
     PairTruth as PairTruth,
     cell_centres as cell_centres,
     pair_truth as pair_truth,
+    pick_goal_views as pick_goal_views,
 )
-from toponav.ground_truth.goal_places import pick_goal_views as pick_goal_views
 from toponav.ground_truth.routes import UNREACHABLE as UNREACHABLE, Routes as Routes
 from toponav.ground_truth.steering import (
     Steering as Steering,

@@ -17,20 +17,18 @@ from toponav.metrics.map_quality import (
     edge_lengths as edge_lengths,
     map_quality as map_quality,
 )
-from toponav.metrics.navigation_faults import (
-    classify_decisions as classify_decisions,
-    detection_delays as detection_delays,
-    judge_cuts as judge_cuts,
-    slow_legs as slow_legs,
-)
 from toponav.metrics.navigation_metrics import (
     TRACE_KEYS as TRACE_KEYS,
     TRACE_NEXT_KEYS as TRACE_NEXT_KEYS,
     NavigationTrace as NavigationTrace,
+    classify_decisions as classify_decisions,
+    detection_delays as detection_delays,
     find_legs as find_legs,
     first_goal as first_goal,
+    judge_cuts as judge_cuts,
     mean_detour as mean_detour,
     measure_legs as measure_legs,
+    slow_legs as slow_legs,
     success_weighted_by_length as success_weighted_by_length,
     success_within as success_within,
     trace_navigation as trace_navigation,
@@ -52,8 +50,6 @@ from toponav.metrics.tc_report import (
     HEADINGS as HEADINGS,
     TCReport as TCReport,
     most_similar as most_similar,
-    pair_candidates as pair_candidates,
-    place_error as place_error,
     pose_bound as pose_bound,
     pose_features as pose_features,
     tc_report as tc_report,

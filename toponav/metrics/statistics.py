@@ -32,10 +32,7 @@ class Estimate:
 
 
 class _RunsThenEpisodes(StratifiedBootstrap):
-    """Draws runs with replacement, then episodes of each run with replacement.
-
-    rliable's own draws take NumPy's global random state and ignore the seed.
-    """
+    """Draws runs, then episodes of each; rliable's own draws ignore the seed."""
 
     def update_indices(self) -> tuple[Ints, Ints]:
         num_runs, num_episodes = self._args_shape

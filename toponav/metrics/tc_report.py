@@ -36,11 +36,6 @@ def binned_mean(value: Tensor, by: Tensor, edges: ArrayLike) -> Binned:
 
     What lies outside the ascending edges is left out; a bin holds its lower edge, the
     last one both.
-
-    Examples:
-        >>> value, by = torch.tensor([1.0, 0.0, 1.0]), torch.tensor([0.5, 0.7, 2.0])
-        >>> binned_mean(value, by, [0, 1, 2]).mean.tolist()
-        [0.5, 1.0]
     """
     bins = np.asarray(edges, np.float64)
     count, _ = np.histogram(by.double(), bins)
@@ -160,40 +155,19 @@ def _share(flags: Tensor) -> float:
     return float(flags.double().mean())
 
 
-def pair_candidates(
-    episode: Tensor, step: Tensor, *, min_gap: int, rows: Tensor | None = None
+def most_similar(
+    similarity: Tensor, episode: Tensor, step: Tensor, *, rows: Tensor, min_gap: int
 ) -> Tensor:
-    """Which views may stand for each other: of two episodes, or far apart in time.
+    """The view of another visit that is most like each of Q, int64 ``[Q]``, or -1.
 
-    Bool ``[Q, V]`` of the views ``rows`` ``[Q]``, by default all, that look for others,
-    by number of the ``episode`` and of the decision or ``step`` within it, ``[V]``. Two
-    views of one episode are at least ``min_gap`` decisions apart.
+    The views ``rows`` ``[Q]`` look among all V, by their ``similarity`` ``[Q, V]``. Two
+    views are of one visit if they are of one ``episode`` ``[V]`` and less than
+    ``min_gap`` decisions apart, by the ``step`` ``[V]`` within it.
     """
-    if min_gap < 1:
-        raise ValueError(f"min_gap must be at least 1, got {min_gap}.")
-    rows = torch.arange(len(episode)) if rows is None else rows
-    other = episode != episode[rows].unsqueeze(1)
-    return other | ((step - step[rows].unsqueeze(1)).abs() >= min_gap)
-
-
-def most_similar(similarity: Tensor, candidates: Tensor) -> Tensor:
-    """Most similar of ``candidates`` ``[Q, V]``, int64 ``[Q]``; -1 without one."""
+    gap = (step - step[rows].unsqueeze(1)).abs()
+    candidates = (episode != episode[rows].unsqueeze(1)) | (gap >= min_gap)
     best = similarity.masked_fill(~candidates, -torch.inf).argmax(1)
     return torch.where(candidates.any(1), best, -1)
-
-
-def place_error(distance: Tensor, *, limit: float) -> float:
-    """Share of views whose most similar other view is farther than ``limit``.
-
-    A network can tell near from far pairs well and still be useless for localisation,
-    where the maximum over many views decides: in our trials 84 % accuracy came with an
-    error of 26 %. A NaN in ``distance`` ``[Q]`` is a view without candidates, left out.
-
-    Examples:
-        >>> place_error(torch.tensor([10.0, 256.0, 257.0, 999.0]), limit=256.0)
-        0.5
-    """
-    return float((distance[~distance.isnan()] > limit).double().mean())
 
 
 def pose_features(

@@ -206,8 +206,8 @@ def draw_success(
     looks = zip(cycle(style.PALETTE), cycle(style.DASHES), strict=False)
     for (name, taken), (colour, dashes) in zip(first.items(), looks, strict=False):
         share = success_within(taken, times)
-        look: dict[str, Any] = {"c": colour, "ls": dashes, "label": f"{name} {share[-1]:.0%}"}
-        axes.step(times, share, where="post", lw=style.LINE, **look)
+        look: dict[str, Any] = {"c": colour, "ls": dashes, "lw": style.LINE}
+        axes.step(times, share, where="post", label=f"{name} {share[-1]:.0%}", **look)
     style.show_percent(axes)
     axes.set_xlim(0, decisions)
     x, legend = "decisions since the start of the episode", "lower right"

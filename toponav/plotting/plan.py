@@ -167,11 +167,9 @@ def draw_trajectory(
     points = np.asarray(positions, float)
     steps = np.stack([points[:-1], points[1:]], axis=1)
     kept = np.linalg.norm(np.diff(points, axis=0), axis=1) <= jump
-    segments = list(steps[kept])
-    look: dict[str, Any] = {"colors": "white", "linewidths": 3.6, "zorder": 3}
-    casing = LineCollection(segments, capstyle="round", **look)
-    look = {"cmap": VALUE_COLOURS, "linewidths": 2.0, "zorder": 4}
-    line = LineCollection(segments, capstyle="round", **look)
+    drawn = list(steps[kept])
+    casing = LineCollection(drawn, colors="white", lw=3.6, zorder=3, capstyle="round")
+    line = LineCollection(drawn, cmap=VALUE_COLOURS, lw=2, zorder=4, capstyle="round")
     line.set(array=np.asarray(values)[1:][kept], clim=limits)
     axes.add_collection(casing)
     axes.add_collection(line)

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from toponav.runs import replacing
 
@@ -106,14 +106,8 @@ def show_percent(axes: Axes) -> None:
 
 def show_thousands(axes: Axes) -> None:
     """Show the horizontal axis, of decisions, such as 150 k or 2.5 M."""
-
-    def thousands(value: float, _position: float) -> str:
-        if abs(value) >= 1e6:
-            return f"{value / 1e6:g} M"
-        return f"{value / 1e3:g} k" if abs(value) >= 1e3 else f"{value:g}"
-
-    axes.xaxis.set_major_formatter(thousands)
-    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.xaxis.set_major_formatter(EngFormatter(sep=" "))
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 
 def save_figure(figure: Figure, path: Path | str, *, dpi: float = 120) -> None:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -101,15 +100,14 @@ def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> 
         looks = zip(cycle(style.PALETTE), cycle(style.MARKS), strict=False)
         lines = panel.groupby("line", sort=False)
         for (line, runs), (colour, mark) in zip(lines, looks, strict=False):
-            look: dict[str, Any] = {"color": colour, "marker": mark}
             points = runs.groupby("at", sort=False)["value"].agg(["mean", "size"])
             count = int(points["size"].max())
             name = f"{line}, mean of {count} run{'s' * (count > 1)}"
-            look |= {"label": name, "linestyle": dashes, "markersize": 5}
-            axes.plot(places[points.index], points["mean"], **look)
+            at, mean = places[points.index], points["mean"]
+            axes.plot(at, mean, mark, c=colour, ls=dashes, ms=5, label=name)
             if count > 1:
-                look = {"color": colour, "marker": mark, "s": 14, "alpha": 0.35}
-                axes.scatter(runs["at"].map(places), runs["value"], **look)
+                at, value = runs["at"].map(places), runs["value"]
+                axes.scatter(at, value, 14, colour, marker=mark, alpha=0.35)
         style.finish(axes, title=str(heading), x=x, y=label)
         if 0 < 10 * places.min() < places.max():
             axes.set_xscale("log")

@@ -235,24 +235,25 @@ def _strip_of_numbers(
     texts: list[str], widest: list[str], limits: tuple[float, float], width: int
 ) -> Frame:
     """The texts in columns, and at the right end the colours of the trail."""
-    image = Image.new("RGB", (width, _STRIP), "white")
-    pen = ImageDraw.Draw(image)
     low, high = f"trail {limits[0]:.2g}", f"{limits[1]:.2g}"
-    low_width = pen.textlength(low, _FONT)
-    end = width - low_width - pen.textlength(high, _FONT) - _BAR - 2 * _GAP
+    *columns, low_width, high_width = map(_FONT.getlength, [*widest, low, high])
+    end = width - low_width - high_width - _BAR - 2 * _GAP
     # Columns stay where they are while the numbers grow.
-    columns = [pen.textlength(text, _FONT) for text in widest]
     space = max((end - _GAP - sum(columns)) / len(columns), 0)
     starts = _GAP + np.cumsum([0, *(column + space for column in columns[:-1])])
-    for text, start in zip(texts, starts, strict=True):
-        pen.text((start, 4), text, INK, _FONT)
-    pen.text((end, 4), low, INK, _FONT)
-    bar_start = end + low_width + _GAP // 2
+    bar, numbers = end + low_width + _GAP // 2, zip(starts, texts, strict=True)
+    image = _strip(width, [*numbers, (end, low), (bar + _BAR + _GAP // 2, high)])
     colours = (VALUE_COLOURS(np.linspace(0, 1, _BAR))[:, :3] * 255).astype(np.uint8)
-    bar = Image.fromarray(np.tile(colours, (10, 1, 1)))
-    image.paste(bar, (int(bar_start), 8))
-    pen.text((bar_start + _BAR + _GAP // 2, 4), high, INK, _FONT)
+    image.paste(Image.fromarray(np.tile(colours, (10, 1, 1))), (int(bar), 8))
     return np.asarray(image)
+
+
+def _strip(width: int, texts: Iterable[tuple[float, str]]) -> Image.Image:
+    """A white strip with texts, each so many pixels from its left end."""
+    image = Image.new("RGB", (width, _STRIP), "white")
+    for start, text in texts:
+        ImageDraw.Draw(image).text((start, 4), text, INK, _FONT)
+    return image
 
 
 def navigated_frames(
@@ -283,9 +284,8 @@ def navigated_frames(
     )
     frames = side_by_side(views, panels, plans, gap=_GAP)
     for frame, text in zip(frames, captions, strict=True):
-        strip = Image.new("RGB", (frame.shape[1], _STRIP), "white")
-        ImageDraw.Draw(strip).text((_GAP, 4), text, INK, _FONT)
-        yield np.concatenate([frame, np.asarray(strip)])
+        strip = np.asarray(_strip(frame.shape[1], [(_GAP, text)]))
+        yield np.concatenate([frame, strip])
 
 
 def _named_panel(view: ArrayLike, height: int, name: str) -> Frame:

@@ -67,13 +67,9 @@ class PathFollower(_Expert):
 
     It plans in every decision from the privileged entries and keeps nothing, so slots
     may open and close and goals may move. Without a goal, or if it is cut off, it acts
-    at random.
-
-    Args:
-        open_mask: bool ``[rows, cols]``, true where the layout has floor.
-        world: must report poses and have actions that `Steering` can use.
-        slot_cells: row and column of each slot, in the order of ``blocked``.
-        seed: of the random actions.
+    at random. ``open_mask``, bool ``[rows, cols]``, is true where the layout has floor;
+    ``world`` must suit `Steering`; ``slot_cells`` are row and column of each slot, in
+    the order of ``blocked``.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -104,9 +100,9 @@ class FrontierExpert(_Expert):
     """Goes to the nearest cell that it has not visited until all are visited.
 
     Nearest is counted in decisions: the steps to the cell and the turns before the
-    first one. Once every cell that can be reached is visited, it acts at random.
-    ``init_key`` is true in an episode's first decision; ``None`` if :meth:`reset` is
-    called. Arguments as in `PathFollower`.
+    first one. Once every cell that can be reached is visited, it acts at random. In an
+    episode's first decision ``init_key`` is true and it forgets what was visited; with
+    ``None`` it never does. Other arguments as in `PathFollower`.
     """
 
     def __init__(
@@ -124,20 +120,13 @@ class FrontierExpert(_Expert):
         self.init_key = init_key
         self.visited = torch.zeros(0, len(self.centres), dtype=torch.bool)
 
-    def reset(self, rows: Tensor | None = None) -> None:
-        """Forget what was visited, in the rows bool ``[*B]`` or everywhere."""
-        if rows is None:
-            self.visited = self.visited[:0]
-        else:
-            self.visited[rows.reshape(-1).cpu()] = False
-
     def _plan(
         self, data: TensorDictBase, table: Tensor, here: Tensor
     ) -> tuple[Tensor, Tensor]:
         if len(self.visited) != len(here):
             self.visited = self.visited.new_zeros(len(here), len(self.centres))
         if self.init_key is not None:
-            self.reset(data[self.init_key])
+            self.visited[data[self.init_key].reshape(-1)] = False
         self.visited[torch.arange(len(here)), here] = True
         cost = self._decisions_to_cells(data, table, here)
         cost = cost.masked_fill(self.visited.unsqueeze(1), torch.inf).flatten(1)

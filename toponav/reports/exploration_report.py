@@ -4,6 +4,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
@@ -22,36 +23,30 @@ _CORRELATED = 100
 _START = {"decisions": 0, "seconds": 0.0}
 
 
+@dataclass
 class ExplorationReport:
     """Collects measurements, writes rows and pictures, and keeps the progress bar.
 
     Rows are added to ``state``, and the consumers write their files too.
     """
 
-    def __init__(
-        self,
-        settings: ExploreConfig,
-        world: World,
-        folder: Path,
-        state: ExplorationState,
-        log: EpisodeLog,
-        consumers: Mapping[str, Consumer],
-    ) -> None:
-        self.config = settings.report
-        self.world = world
-        self.folder = folder
-        self.state = state
-        self.consumers = consumers
-        self.log = log
-        self.loggers = make_loggers(folder)
+    settings: ExploreConfig
+    world: World
+    folder: Path
+    state: ExplorationState
+    log: EpisodeLog
+    consumers: Mapping[str, Consumer]
+
+    def __post_init__(self) -> None:
+        self.loggers = make_loggers(self.folder)
         self.bar = tqdm(
             desc="explore",
-            total=settings.collect.decisions,
-            initial=state.decisions,
+            total=self.settings.collect.decisions,
+            initial=self.state.decisions,
             unit="decision",
             smoothing=0.05,
         )
-        self._drawing = Timer(self.config.pictures_every_s)
+        self._drawing = Timer(self.settings.report.pictures_every_s)
         #: Of each measurement, its values since the last row.
         self._measured: defaultdict[str, list[float]] = defaultdict(list)
         self._ended: list[Row] = []
@@ -66,7 +61,8 @@ class ExplorationReport:
         self.bar.update(decisions)
         is_last = self.state.progress == 1
         last = self.state.history[-1] if self.state.history else _START
-        if is_last or self.state.decisions - last["decisions"] >= self.config.every:
+        since = self.state.decisions - last["decisions"]
+        if is_last or since >= self.settings.report.every:
             self._write_row(last)
         if is_last or self._drawing.is_due():
             self._draw()

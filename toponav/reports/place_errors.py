@@ -6,7 +6,7 @@ from torch import Tensor
 from toponav.data import HeldOut
 from toponav.ground_truth import GroundTruthDistances
 from toponav.keys import HEADING, POSITION
-from toponav.metrics import most_similar, pair_candidates, place_error
+from toponav.metrics import most_similar
 from toponav.training import Validation
 
 # Views that look for the one most like them, and views among which they look.
@@ -38,30 +38,33 @@ def place_errors(
     num_views = min(held_out.num_episodes, -(-_MEMORY // held_out.length))
     num_views *= held_out.length
     number = torch.arange(num_views)
+    episode, step = number // held_out.length, number % held_out.length
     queries = number[:: max(1, num_views // _QUERIES)]
     similarity = _similarity(validation, held_out.pixels[:num_views], queries)
     position = held_out.frames.get(POSITION)[:num_views]
     heading = held_out.frames.get(HEADING)[:num_views].squeeze(-1)
 
     def distance(gap: int) -> Tensor:
-        """To the most similar view at least so many decisions away, ``[Q]``."""
-        episode, step = number // held_out.length, number % held_out.length
-        candidates = pair_candidates(episode, step, min_gap=gap, rows=queries)
-        best = most_similar(similarity, candidates)
+        """To the most similar view at least so many decisions away, NaN without one."""
+        best = most_similar(similarity, episode, step, rows=queries, min_gap=gap)
         found = distances.geodesic(position[queries], position[best])
         return torch.where(best >= 0, found, torch.nan)
 
-    limit = _OTHER_PLACE * distances.cell_size
+    def error(distance: Tensor) -> float:
+        known = distance[~distance.isnan()]
+        return float((known > _OTHER_PLACE * distances.cell_size).double().mean())
+
     revisit = distance(min_gap)
     angle = heading[queries].deg2rad()
-    step = _CLOSE_UP * distances.cell_size * torch.stack([angle.cos(), angle.sin()], -1)
-    cell = ((position[queries] + step) / distances.cell_size).long()
+    ahead = torch.stack([angle.cos(), angle.sin()], -1)
+    ahead = position[queries] + _CLOSE_UP * distances.cell_size * ahead
+    cell = (ahead / distances.cell_size).long()
     # Rows count from the top.
     far_sighted = distances.open_mask.flip(0)[cell[:, 1], cell[:, 0]]
     return {
-        "place_error": place_error(distance(1), limit=limit),
-        "place_error_revisit": place_error(revisit, limit=limit),
-        "place_error_far_sighted": place_error(revisit[far_sighted], limit=limit),
+        "place_error": error(distance(1)),
+        "place_error_revisit": error(revisit),
+        "place_error_far_sighted": error(revisit[far_sighted]),
         "far_sighted": far_sighted.float().mean().item(),
     }
 
