@@ -15,10 +15,7 @@ _SAME_POSE = 1e-5
 def move(
     position: Tensor, heading: Tensor, *, world: WorldSpec
 ) -> tuple[Tensor, Tensor]:
-    """Poses after each of the A actions, in free space: ``[*B, A, 2]``, ``[*B, A]``.
-
-    The world must have ground truth.
-    """
+    """Poses after each of the A actions, in free space: ``[*B, A, 2]``, ``[*B, A]``."""
     effects = position.new_tensor(require_motion(world).effects)
     ahead, left, turn = effects.unbind(-1)
     angle = heading.unsqueeze(-1).deg2rad()

@@ -49,14 +49,10 @@ def map_quality(
 ) -> MapQuality:
     """Judge a map by the poses of its W waypoints.
 
-    Args:
-        distances: of the maze.
-        poses: ``[W, 3]``, x and y in map units and heading in degrees.
-        edges: int64 ``[E, 2]``.
-        edge_cost: ``[E]``, by which paths are planned.
-        far_cells: an edge is false if its ends are farther apart on foot, in cells.
-        hops: a path of at most so many edges is short.
-        seed: of the draw of waypoints.
+    Poses ``[W, 3]`` are x and y in map units and heading in degrees. Paths over the
+    ``edges``, int64 ``[E, 2]``, are planned by ``edge_cost`` ``[E]``, and short up to
+    so many ``hops``. An edge is false if its ends are more than ``far_cells`` apart on
+    foot. ``seed`` is of the draw of waypoints.
 
     Examples:
         >>> distances = GroundTruthDistances(torch.ones(1, 6).bool(), cell_size=10)

@@ -85,8 +85,8 @@ def bootstrap(
 def top_mean(values: ArrayLike, count: int = 5) -> float:
     """Mean of the ``count`` largest values, NaN if there are fewer.
 
-    The paper's tables report it. It grows with the number of values among which the
-    best are picked, so it belongs beside the mean of all, never in its place.
+    The paper's tables report it. It grows with the number of values, so it belongs
+    beside the mean of all, never in its place.
     """
     flat = np.sort(np.asarray(values, np.float64), axis=None)
     return float(flat[-count:].mean()) if len(flat) >= count else np.nan

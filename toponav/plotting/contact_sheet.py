@@ -99,10 +99,9 @@ def spread_out(
         raise ValueError(f"count must lie in [1, {len(places)}], got {count}")
     angles = np.radians(np.asarray(headings, float).reshape(-1, 1))
     points = np.hstack([places, cell_size * np.cos(angles), cell_size * np.sin(angles)])
-    chosen = [0]
-    distance = np.linalg.norm(points - points[0], axis=1)
+    chosen, distance = [0], np.full(len(points), np.inf)
     while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
         newest = np.linalg.norm(points - points[chosen[-1]], axis=1)
         distance = np.minimum(distance, newest)
+        chosen.append(int(distance.argmax()))
     return np.array(sorted(chosen))

@@ -176,15 +176,10 @@ def draw_leg(
 ) -> Figure:
     """Draw an agent's path to the goal, with the map that it was planned on.
 
-    Args:
-        walked: ``[T, 2]``, where the agent was, in map units.
-        heading: where it looked at first, in degrees.
-        plan: of the maze, with its goal and closed slots.
-        waypoints: ``[W, 2]``, the true positions of the map's waypoints.
-        edges: int ``[E, 2]``, the map's edges to draw.
-        planned: int ``[K]``, the waypoints of the first plan.
-        cuts: int ``[C, 2]``, the ends of edges that were closed along the path.
-        title: over the picture.
+    It ``walked`` ``[T, 2]``, in map units, and looked along ``heading``, in degrees, at
+    first. ``waypoints`` ``[W, 2]`` are the true positions of the map's, ``edges`` int
+    ``[E, 2]`` those to draw, ``planned`` int ``[K]`` the waypoints of the first plan
+    and ``cuts`` int ``[C, 2]`` the ends of edges that were closed along the path.
     """
     figure, axes = figure_of_plan(plan, (7, 7), title)
     places, path = np.asarray(waypoints, float), np.asarray(walked, float)

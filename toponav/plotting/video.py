@@ -40,15 +40,11 @@ def render_plan(
 ) -> Iterator[Frame]:
     """Show an agent and its trail on a plan: uint8 ``[height, *, 3]`` per decision.
 
-    Args:
-        plan: of the maze.
-        positions: ``[T, 2]`` in map units.
-        headings: ``[T]`` in degrees.
-        height: of the pictures in pixels; their width follows from the plan.
-        values: ``[T]``, dark 0 to light 1, the trail's colours; a step has that of the
-            decision where it ends. The time by default.
-        dots: colours of dots that stay where the agent was, by decision.
-        every: yield the first picture and then each ``every``-th.
+    Positions ``[T, 2]`` are in map units, headings ``[T]`` in degrees; the width of the
+    pictures follows from their ``height`` in pixels. A step of the trail has the colour
+    of the ``values`` ``[T]``, dark 0 to light 1, where it ends; they are the time by
+    default. ``dots`` are colours, by decision, of dots that stay where the agent was.
+    The first picture is yielded and then each ``every``-th.
 
     Examples:
         >>> plan = FloorPlan(np.ones((4, 6)), cell_size=10.0)

@@ -32,10 +32,8 @@ def play_episodes(
     Each policy plays so many of the ``episodes`` of T ``decisions`` on what
     ``make_env`` makes, a number of environments side by side. For each, ``seed`` is set
     in the environments, from which their episodes follow, and ``action_seed``, if
-    given, for the draws of actions. `collect_rollout` explains the rest.
-
-    Returns:
-        By policy, frames ``[N, T]`` and what the first environment showed.
+    given, for the draws of actions. Frames ``[N, T]`` and what the first environment
+    showed, by policy; `collect_rollout` explains the rest.
     """
     envs = min(max(episodes.values()), _MAX_ENVS)
     rounds = {name: math.ceil(episodes[name] / envs) for name in policies}

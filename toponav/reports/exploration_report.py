@@ -128,11 +128,9 @@ def format_progress(row: Row) -> str:
     """A row of metrics in a few words; before the first episode ended, its losses.
 
     Examples:
-        >>> row = {"loss_objective": -0.004, "loss_critic": 0.1, "entropy": 1.75}
-        >>> format_progress(row | {"intrinsic_return": math.nan})
-        'objective -0.004, critic 0.100, entropy 1.75'
-        >>> format_progress({"coverage": 0.5, "intrinsic_return": 70.2})
-        'coverage 50%, return 70'
+        >>> row = {"coverage": math.nan, "intrinsic_return": 70.2, "loss_critic": 0.1}
+        >>> format_progress(row | {"loss_objective": -0.004, "entropy": 1.75})
+        'return 70, objective -0.004, critic 0.100, entropy 1.75'
     """
     formats = {"coverage": ".0%", "waypoints": ".0f", "intrinsic_return": ".0f"}
     formats |= {"loss_objective": ".3f", "loss_critic": ".3f", "entropy": ".2f"}

@@ -40,7 +40,14 @@ def place_errors(
     number = torch.arange(num_views)
     episode, step = number // held_out.length, number % held_out.length
     queries = number[:: max(1, num_views // _QUERIES)]
-    similarity = _similarity(validation, held_out.pixels[:num_views], queries)
+    tc = validation.networks.tc
+    embeddings = validation.embed(tc.encoder, held_out.pixels[:num_views])
+    memory = tc.prepare_memory(embeddings)
+    rows = [
+        tc.compare_prepared(some, memory.expand(len(some), -1, -1)).cpu()
+        for some in embeddings[queries].split(4)
+    ]
+    similarity = torch.cat(rows)
     position = held_out.frames.get(POSITION)[:num_views]
     heading = held_out.frames.get(HEADING)[:num_views].squeeze(-1)
 
@@ -67,14 +74,3 @@ def place_errors(
         "place_error_far_sighted": error(revisit[far_sighted]),
         "far_sighted": far_sighted.float().mean().item(),
     }
-
-
-def _similarity(validation: Validation, pixels: Tensor, queries: Tensor) -> Tensor:
-    tc = validation.networks.tc
-    embeddings = validation.embed(tc.encoder, pixels)
-    prepared = tc.prepare_memory(embeddings)
-    rows = [
-        tc.compare_prepared(some, prepared.expand(len(some), -1, -1)).cpu()
-        for some in embeddings[queries].split(4)
-    ]
-    return torch.cat(rows)

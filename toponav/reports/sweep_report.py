@@ -266,12 +266,7 @@ def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
 
 
 def label_of(settings: Mapping[str, str]) -> str:
-    """Settings as a heading or a name in a legend.
-
-    Examples:
-        >>> label_of({"maze": "maze3", "reward.alpha": "0.2"})
-        'maze3, reward.alpha 0.2'
-    """
+    """Settings as a heading or a name in a legend."""
     return ", ".join(
         value if name in ("maze", "in") else f"{name} {value}"
         for name, value in settings.items()
