@@ -1,8 +1,9 @@
 """Collection in other processes: weights by mailbox, no lost batches."""
 
-from toponav.collectors.mailbox import Mailbox as Mailbox, MailboxError as MailboxError
-from toponav.collectors.mailbox_collector import (
+from toponav.collectors.mailbox import (
+    Mailbox as Mailbox,
     MailboxCollector as MailboxCollector,
+    MailboxError as MailboxError,
     PatientAsyncCollector as PatientAsyncCollector,
     Subscription as Subscription,
 )

@@ -11,12 +11,9 @@ from toponav.keys import DONE, TRUNCATED
 class StaggeredEpisodes(Transform):
     """Cuts the first episode of each environment short, each at another length.
 
-    Envs that started together would end together: a learner would see nothing but
-    beginnings, then nothing but ends. Row ``e`` of ``E`` is truncated after ``length *
-    (e + 1) / E`` decisions the first time, rounded up. A reset of all rows starts over.
-
-    Args:
-        length: decisions of a whole episode, at least 1.
+    A learner would else see nothing but beginnings, then nothing but ends. Row ``e`` of
+    ``E`` is truncated after ``length * (e + 1) / E`` decisions the first time, rounded
+    up, of the ``length >= 1`` of an episode. A reset of all rows starts over.
     """
 
     #: int64 [E]; decisions until the cut, 0 once an environment has had its own.

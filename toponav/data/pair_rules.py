@@ -15,13 +15,10 @@ class TCPairs:
     """The rule of the TC-network's pairs, and how to get them.
 
     A pair is positive at 1..k decisions and negative from M * k on; what lies between
-    is not used, and no pair spans two episodes unless ``other_episode_share`` asks for
-    it. Half the pairs are positive, their distance is uniform, and the order of the two
-    views is random.
-
-    `draw` draws pair by pair, as the paper does, for an `EpisodeSampler` with
-    `SplitPairs` behind it. `mine` takes all pairs of a batch of `Chunks`, where a view
-    is embedded once for many pairs; weights replace what `draw` does by chance.
+    is not used. Half the pairs are positive, their distance is uniform, and the order
+    of the two views is random. `draw` draws pair by pair, as the paper does; `mine`
+    takes all pairs of a batch of `Chunks`, where a view is embedded once for many
+    pairs, and weights replace what `draw` does by chance.
 
     Reference:
         The paper, "Temporal correlation network"; M = 5 and the random order from
@@ -64,11 +61,7 @@ class TCPairs:
     def draw(
         self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """Draw pairs: places ``[P, 2]`` of anchor and other, and ``label`` ``[P]``.
-
-        Anchors are uniform over the frames that have a partner, partners over those
-        that fit.
-        """
+        """Draw pairs: places ``[P, 2]`` of anchor and other, and ``label`` ``[P]``."""
         k, m = self.max_action_distance, self.negative_sample_multiplier
         episodes.require(m * k + 1, f"more than M * k = {m} * {k}")
         total = len(episodes.order)
@@ -168,10 +161,7 @@ class LPairs:
         return draw_near(episodes, batch_size, k, generator), {}
 
     def mine(self, frames: TensorDictBase) -> TensorDict:
-        """All pairs of embeddings of a batch of `Chunks`, as `TCPairs.mine`.
-
-        ``action`` replaces ``label``; weights make every distance count the same.
-        """
+        """As `TCPairs.mine`, with ``action`` for ``label``; distances weigh alike."""
         same, gap = compare_steps(frames)
         near = same & (gap >= 1) & (gap <= self.max_action_distance)
         pair = near.nonzero()

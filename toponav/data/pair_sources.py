@@ -22,8 +22,8 @@ class Chunks:
 
     Pairs are mined from it (`TCPairs.mine`): close ones within a chunk, distant ones
     between the chunks of an episode. Episodes are drawn in proportion to their length,
-    and not twice in a batch while there are enough; chunks start anywhere and may
-    overlap. A sample is ``[E, C * chunk_len]``, with ``episode`` and ``step``.
+    and not twice in a batch while there are enough; chunks may overlap. A sample is
+    ``[E, C * chunk_len]``, with ``episode`` and ``step``.
 
     Args:
         chunks_per_episode: number C of chunks.
@@ -90,7 +90,7 @@ class EpisodeSampler(Sampler):
 
     TorchRL's ``SliceSampler`` gives one stretch of fixed length per draw, but the two
     views of a pair may be an episode apart. The list of episodes is rebuilt after a
-    write, not per draw. Random numbers are the buffer's: ``buffer.set_rng(generator)``.
+    write. Random numbers are the buffer's: ``buffer.set_rng(generator)``.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -138,8 +138,7 @@ class SplitPairs(Transform):
     """Turn a sample of pairs, batch ``[P, 2]``, into one of batch ``[P]``.
 
     For a replay buffer whose `EpisodeSampler` draws `TCPairs` or `LPairs`. The entry
-    ``in_key`` ``[P, 2, *D]`` of the two frames becomes ``anchor`` and ``other``; of all
-    else, such as the action, the anchor's is kept.
+    ``in_key`` becomes ``anchor`` and ``other``; of all else the anchor's is kept.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -159,10 +158,8 @@ class SplitPairs(Transform):
             )
         (in_key,) = self.in_keys
         first, second = tensordict.unbind(-1)
-        pairs = first.exclude(in_key)
-        return pairs.update(
-            {keys.ANCHOR: first.get(in_key), keys.OTHER: second.get(in_key)}
-        )
+        pairs = first.exclude(in_key).set(keys.ANCHOR, first.get(in_key))
+        return pairs.set(keys.OTHER, second.get(in_key))
 
 
 #: Views ``[N, H, W, 3]`` to embeddings ``[N, D]``.
@@ -175,7 +172,7 @@ class MinedPairs:
 
     A call returns pairs *of embeddings* for the TC-network and for the L-network, with
     gradients to the encoders. Of the close and of the distant pairs at most half of
-    ``max_pairs`` each are kept, drawn at random: their number does not depend on k.
+    ``max_pairs`` each are kept, drawn at random.
 
     Args:
         storage: frames with views, actions, trajectory and step numbers.
@@ -213,7 +210,6 @@ class MinedPairs:
         )
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
-        """Pairs of embeddings for the TC-network and for the L-network."""
         frames = self.buffer.sample().flatten()
         views = frames.pop(keys.NETWORK_PIXELS).to(self.device)
         frames.set(keys.EMBEDDING, self.embed_tc(views))
@@ -259,7 +255,6 @@ class DrawnPairs:
         ]
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
-        """Pairs of views for the TC-network and for the L-network."""
         tc_pairs, l_pairs = (buffer.sample() for buffer in self.buffers)
         return tc_pairs.to(self.device), l_pairs.to(self.device)
 

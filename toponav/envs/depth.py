@@ -1,7 +1,4 @@
-"""Exact depth pictures, cast from the pose and the layout.
-
-Engines' own are coarse: ViZDoom's has 8 bits and saturates at four cells.
-"""
+"""Exact depth pictures, cast from pose and layout: ViZDoom's have 8 bits only."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +12,8 @@ Floats = NDArray[np.float64]
 class DepthCaster:
     r"""Casts depth pictures of one maze for a batch of poses.
 
-    Depth is *planar*: the distance along the viewing direction, not along the ray.
-    Apples and the goal are not in it. Where a ray meets the sky, depth is ``far``.
+    Depth is *planar*: the distance along the viewing direction. Apples and goal are not
+    in it. Where a ray meets the sky, depth is ``far``.
 
     Reference:
         Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", 1987.

@@ -22,8 +22,7 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
 
     ## Arguments
     `maze`: the name of a maze, a `Layout`, or the path of a layout file; the ids set
-    it. `render_mode`: `"rgb_array"` or `None`. `**options`: those of `MazeEnv` about
-    the engine, the maze and its episodes.
+    it. `render_mode`: `"rgb_array"` or `None`. `**options`: those of `MazeEnv`.
 
     Examples:
         >>> import toponav.envs
@@ -51,9 +50,8 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
             load = load_layout_file if maze.endswith(".txt") else load_maze
             maze = load(maze)
         self.layout = maze
-        self._env = MazeEnv(self.layout, batch_size=1, **options)
-        self._games = self._env.games
-        self.world = self._env.world
+        self._env = MazeEnv(maze, batch_size=1, **options)
+        self._games, self.world = self._env.games, self._env.world
         self.render_mode = render_mode
         view = (*self.world.view_size, 3)
         self.observation_space = spaces.Box(0, 255, view, np.uint8)

@@ -2,8 +2,8 @@
 
 A layout is a rectangle of characters: ``*`` is wall, a space is floor and a lower-case
 letter is a *slot*, a floor cell that an episode can close. The first line is the north
-side. In map units x points east and y north from the text's south-west corner; how long
-a cell's side is there is up to the engine, so whoever asks for them says it.
+side. In map units x points east and y north from the text's south-west corner; the
+length of a cell's side there is the engine's.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 Cell = tuple[int, int]
 
-#: Longest side of a layout in cells: engines' coordinates end, and mazes of this size
-#: still load in about two seconds.
+#: Longest side of a layout in cells: such a maze still loads in about two seconds.
 MAX_SIDE = 101
 
 WALL = "*"
@@ -103,11 +102,7 @@ class Layout:
         return nx.grid_2d_graph(*self.shape).subgraph(self.cells).copy()
 
     def check_slots(self, letters: Iterable[str]) -> tuple[str, ...]:
-        """The slot letters, sorted and without repeats, if they can all be closed.
-
-        Raises:
-            ValueError: if one is no slot here, or if together they cut the maze in two.
-        """
+        """The slot letters, sorted, each once; a ValueError if they cannot close."""
         wanted = tuple(sorted(set(letters)))
         if unknown := [letter for letter in wanted if letter not in self.slots]:
             have = ", ".join(self.slots) or "none"
@@ -135,10 +130,7 @@ class Layout:
 
 
 def load_layout_file(path: str | Path) -> Layout:
-    """Read a layout from a text file; its stem becomes the name.
-
-    Whatever is wrong with the file is a ``LayoutError``.
-    """
+    """Read a layout from a text file, named by its stem; raises ``LayoutError``."""
     path = Path(path)
     try:
         return Layout(path.read_text(encoding="utf-8-sig"), name=path.stem)

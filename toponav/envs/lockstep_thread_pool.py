@@ -17,7 +17,7 @@ class LockstepThreadPool:
     """A pool of so many threads that does a whole round of work at a time.
 
     A round costs two queue entries a thread; an executor's futures cost several times
-    as much for each item, which shows at thousands of rounds a second.
+    as much, which shows at thousands of rounds a second.
 
     Examples:
         >>> pool, seen = LockstepThreadPool(2), []

@@ -29,11 +29,10 @@ class MazeEnv(EnvBase):
     rewards are. Observations are ``pixels`` and, if asked for, ``depth``, ``velocity``
     and the ground truth under ``privileged``, as `toponav.keys` describes them.
 
-    An episode starts in a random cell that is no slot, with apples and goal in other
-    cells; it is a function of seed, row and the number of episodes that the row has
-    begun. It is ``truncated`` after ``episode_length`` decisions, or when the engine
-    was lost (the next reset replaces it). The goal puts the agent at a new random start
-    and ends no episode: ``terminated`` is always false.
+    An episode starts in a random cell that is no slot, with apples and goal in others;
+    it is a function of seed, row and the number of episodes that the row has begun. It
+    is ``truncated`` after ``episode_length`` decisions, or when the engine was lost.
+    The goal puts the agent at a new random start: ``terminated`` is always false.
 
     Args:
         layout: the maze.
@@ -97,12 +96,8 @@ class MazeEnv(EnvBase):
         if depth is not None:
             camera, size = game_engine.camera, game_engine.motion.cell_size
             self._caster = DepthCaster(layout, depth, camera=camera, cell_size=size)
-        rules = SceneRules(
-            apples=apples,
-            goal=goal,
-            blocked=tuple(blocked),
-            goal_cells=None if goal_cells is None else tuple(goal_cells),
-        )
+        cells = None if goal_cells is None else tuple(goal_cells)
+        rules = SceneRules(apples, goal, tuple(blocked), cells)
         #: The games behind the tensors, with their scenes and processes.
         self.games = BatchedGames(
             game_engine,
@@ -178,9 +173,7 @@ class MazeEnv(EnvBase):
             tensor = torch.from_numpy(entry if self.batch_size else entry[0])
             dtype = torch.float32 if tensor.is_floating_point() else tensor.dtype
             source[key] = tensor.to(self.device, dtype)
-        return TensorDict._new_unsafe(
-            source, batch_size=self.batch_size, device=self.device
-        )
+        return TensorDict._new_unsafe(source, self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
         self.games.seed(seed)
@@ -190,8 +183,8 @@ class MazeEnv(EnvBase):
     ) -> None:
         """Close or open a slot of some rows (all by default) in mid-episode.
 
-        It takes effect with the next decision, or once the agent is clear of the slot;
-        a ``ValueError`` if it is unknown or would cut a maze in two.
+        At once, or when the agent is clear of it; a ``ValueError`` if it is unknown or
+        would cut a maze in two.
         """
         self.games.set_slot(letter, closed=closed, rows=rows)
 

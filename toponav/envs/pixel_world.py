@@ -43,8 +43,7 @@ def make_pixel_env(
         device: where the tensors go.
 
     Raises:
-        ValueError: if there is no such environment, it shows no pixels, its actions are
-            not discrete, or a number is below one.
+        ValueError: if it is unknown, has no pixels or no discrete actions.
 
     Examples:
         >>> env = make_pixel_env(

@@ -16,7 +16,7 @@ class WaypointGraph:
     """Undirected edges between waypoints 0 to W - 1.
 
     Each knows in which direction it was traversed: who walked from one view to another
-    seldom knows how to walk back, since that is backwards, looking the same way.
+    seldom knows how to walk back, looking the same way.
 
     Examples:
         >>> graph = WaypointGraph(untraversed_edge_cost=3.0)
@@ -114,18 +114,16 @@ class WaypointGraph:
     def update_similarities(self, similarity: Tensor, least: float) -> int:
         """Give all edges new similarities ``[E]``.
 
-        Those that were never traversed and are not above ``least`` go and are counted.
+        Those never traversed and not above ``least`` go and are counted.
         """
-        num_dropped = 0
         ends = self.edges.tolist()
         for (one, other), value in zip(ends, similarity.tolist(), strict=True):
             evidence = self._evidence(one, other)
             evidence["similarity"] = value
             if not any(evidence["traversals"]) and not value > least:
                 self._graph.remove_edge(one, other)
-                num_dropped += 1
         self._change()
-        return num_dropped
+        return len(ends) - len(self.edges)
 
     def merge(self, into: Tensor) -> None:
         """Unite waypoints: traversals add up, and the highest similarity stays.

@@ -110,8 +110,7 @@ class ActorCritic(TensorDictModuleBase):
 
     An LSTM reads a trunk's code of the view, the previous action (one-hot, one place
     more for "none") and the previous reward; two linear heads give logits and value.
-    Calling the module makes one decision for a batch of envs, which need
-    `make_tensordict_primer` and TorchRL's ``InitTracker``.
+    Envs need `make_tensordict_primer` and TorchRL's ``InitTracker``.
 
     Reference:
         The paper, "Learning model"; sizes of Jaderberg et al., "Reinforcement Learning

@@ -177,9 +177,7 @@ class ResNet18(nn.Module):
     """Embed views with a residual network of 18 layers, trained from scratch.
 
     Give the views of one update in one call, and call ``eval()`` before embeddings are
-    compared with older ones. torchvision has no build for every torch that we support.
-
-    An ``embedding_dim`` other than 512 adds a linear layer.
+    compared with older ones. An ``embedding_dim`` other than 512 adds a linear layer.
 
     Reference:
         He et al., "Deep Residual Learning for Image Recognition" (2015); the paper's

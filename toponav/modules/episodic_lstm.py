@@ -13,7 +13,7 @@ class EpisodicLSTM(nn.Module):
     """One LSTM layer over slices, its state zeroed where ``is_init`` is set.
 
     Acting calls `step`, training the module, which splits a slice where any of its rows
-    begins an episode: each piece runs through torch's fused kernel.
+    begins an episode, for torch's fused kernel.
 
     Examples:
         >>> lstm = EpisodicLSTM(8, 16)

@@ -103,9 +103,8 @@ class DifferenceComparator(nn.Module):
 class TCNetwork(nn.Module):
     """Score how close in time two views are, ``tc = phi_C(phi_E(o_i), phi_E(o_j))``.
 
-    Training calls the network on pairs of views and gets logits. Rewards and maps
-    `embed` each view once and `compare` it with a memory of embeddings, as
-    probabilities, after ``eval()``; a memory that many views meet is prepared once.
+    Training calls it on pairs of views and gets logits. Rewards and maps `embed` each
+    view once and `compare` it with a memory, as probabilities, after ``eval()``.
 
     Reference:
         The paper, "Temporal correlation network", eq. 5.
@@ -154,10 +153,7 @@ class TCNetwork(nn.Module):
 
 
 class LocomotionHead(nn.Module):
-    """Predict the action from two embeddings, ``phi_I`` of the paper.
-
-    ``hidden`` are the widths of the hidden layers.
-    """
+    """Predict the action from two embeddings, ``phi_I``; ``hidden`` are its widths."""
 
     def __init__(
         self,
@@ -185,15 +181,11 @@ class LocomotionHead(nn.Module):
 class LNetwork(nn.Module):
     """Logits of the action at ``o_i`` that leads to ``o_j`` some decisions later.
 
-    Give it the encoder of a `TCNetwork` to share it; call ``network.head`` on
-    embeddings that exist already.
+    Its ``encoder``, ``[*B, H, W, 3]`` to ``[*B, D]``, may be that of a `TCNetwork`; its
+    ``head`` takes embeddings that exist already.
 
     Reference:
         The paper, "Navigation implementation", eqs. 13 and 14.
-
-    Args:
-        encoder: ``[*B, H, W, 3]`` to ``[*B, D]``.
-        head: two embeddings to logits, see `LocomotionHead`.
     """
 
     def __init__(self, encoder: nn.Module, head: LocomotionHead) -> None:

@@ -18,17 +18,7 @@ from torchrl.modules import MaskedCategorical
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.utils import distance_loss
 
-from toponav.keys import (
-    ACTION,
-    ADVANTAGE,
-    DONE,
-    IS_INIT,
-    LOGITS,
-    REWARD,
-    STATE_VALUE,
-    TERMINATED,
-    VALUE_TARGET,
-)
+from toponav import keys
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
@@ -53,9 +43,8 @@ class A3CLoss(GAEMixin, LossModule):
 
     Names, keys and state dict are those of TorchRL's ``A2CLoss(functional=False)``.
     What differs: the last dimension is time, because each row bootstraps once, from the
-    state after it; the networks stay the caller's own, without ``..._params``, because
-    the explorers' policies share their weights; one action, and an entropy in closed
-    form, are needed; a recurrent policy and critic of one trunk are unrolled once.
+    state after it; one action, and an entropy in closed form, are needed; a recurrent
+    policy and critic of one trunk are unrolled once.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
@@ -78,15 +67,15 @@ class A3CLoss(GAEMixin, LossModule):
 
     @dataclass
     class _AcceptedKeys:
-        action: NestedKey = ACTION
-        reward: NestedKey = REWARD
-        done: NestedKey = DONE
-        terminated: NestedKey = TERMINATED
-        value: NestedKey = STATE_VALUE
-        advantage: NestedKey = ADVANTAGE
-        value_target: NestedKey = VALUE_TARGET
+        action: NestedKey = keys.ACTION
+        reward: NestedKey = keys.REWARD
+        done: NestedKey = keys.DONE
+        terminated: NestedKey = keys.TERMINATED
+        value: NestedKey = keys.STATE_VALUE
+        advantage: NestedKey = keys.ADVANTAGE
+        value_target: NestedKey = keys.VALUE_TARGET
         # What a RecurrentActorCritic unrolls.
-        logits: NestedKey = LOGITS
+        logits: NestedKey = keys.LOGITS
 
     default_keys = _AcceptedKeys
     #: The n-step return.
@@ -134,29 +123,28 @@ class A3CLoss(GAEMixin, LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        keys = self.tensor_keys
-        actor, judge = self.actor_network, self.critic_network
-        judge = actor if judge is None else judge
+        named, actor = self.tensor_keys, self.actor_network
+        judge = actor if self.critic_network is None else self.critic_network
         now = dict.fromkeys([*actor.in_keys, *judge.in_keys])
-        # What a recurrent network reads of decisions but not under "next".
-        left_out = [IS_INIT] if judge is actor else []
+        # A recurrent network reads it of decisions but not under "next".
+        left_out = [keys.IS_INIT] if judge is actor else []
         following = [key for key in judge.in_keys if key not in left_out]
-        following += [keys.reward, keys.done, keys.terminated]
-        return [*now, keys.action, *(under_next(key) for key in following)]
+        following += [named.reward, named.done, named.terminated]
+        return [*now, named.action, *(under_next(key) for key in following)]
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        keys = self.tensor_keys
+        named = self.tensor_keys
         if tensordict.ndim == 0:
             raise ValueError("the batch size must be [*B, T], with time last, got [].")
         log_prob, entropy, state_value = self._evaluate(tensordict)
-        if tensordict.get(keys.advantage, None) is None:
+        if tensordict.get(named.advantage, None) is None:
             advantage, value_target = bootstrapped_advantage(
                 self, tensordict, state_value, self._next_values
             )
         else:
             advantage, value_target = (
-                read_entry(tensordict, getattr(keys, name), name, state_value.shape)
+                read_entry(tensordict, getattr(named, name), name, state_value.shape)
                 for name in ("advantage", "value_target")
             )
         critic = distance_loss(value_target, state_value, "l2")
@@ -171,12 +159,12 @@ class A3CLoss(GAEMixin, LossModule):
         return TensorDict({**reduced, "entropy": entropy})
 
     def _evaluate(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
-        keys = self.tensor_keys
-        action = read_entry(tensordict, keys.action, "action")
+        named = self.tensor_keys
+        action = read_entry(tensordict, named.action, "action")
         if self.critic_network is None:
             unrolled = self.actor_network.unroll(tensordict)
-            logits = read_entry(unrolled, keys.logits, "logits")
-            state_value = read_entry(unrolled, keys.value, "value").float()
+            logits = read_entry(unrolled, named.logits, "logits")
+            state_value = read_entry(unrolled, named.value, "value").float()
             log_probs = F.log_softmax(logits.float(), -1)
             *shape, num_actions = log_probs.shape
             numbers = action_numbers(action, num_actions, torch.Size(shape))

@@ -71,8 +71,7 @@ class GAEMixin:
 
         TD(lambda) becomes the GAE of the same lambda, which takes a ``gamma`` or
         ``lmbda`` of 0, where TorchRL's vectorised forms fail. An estimator of TorchRL
-        is taken as it is; a class of them is made of the hyperparameters and, unless
-        they name a ``value_network``, reads the values that the loss has.
+        is taken as it is; a class of them reads the values that the loss has.
         """
         loss: Any = self
         if isinstance(value_type, type):
@@ -115,8 +114,7 @@ def bootstrapped_advantage(
 
     Reference:
         Schulman et al., "High-Dimensional Continuous Control Using Generalized
-        Advantage Estimation" (2015); the paper, eq. of R_t in "Asynchronous advantage
-        actor-critic algorithm".
+        Advantage Estimation" (2015); the paper, "Asynchronous advantage actor-critic".
     """
     keys, state_value = loss.tensor_keys, state_value.detach()
     entries = {}

@@ -13,11 +13,7 @@ from toponav.keys import ACTION, LABEL, LOGIT, LOGITS, WEIGHT
 
 
 class PairLoss(LossModule):
-    """What `TCLoss` and `LLoss` share: a (weighted) mean loss and accuracy.
-
-    There is no target network: the encoder may be shared with another loss, and batch
-    normalisation must follow ``train()``.
-    """
+    """What `TCLoss` and `LLoss` share: a (weighted) mean loss and accuracy."""
 
     functional = False
     #: Which of the accepted keys are the network's prediction and what it should be.
@@ -37,12 +33,10 @@ class PairLoss(LossModule):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.tensor_keys
         # A shallow copy, so that the caller's batch gets no prediction.
-        results = self.network(tensordict.copy())
+        results, given = self.network(tensordict.copy()), tensordict.detach()
         predicted = results.get(getattr(keys, self._predicted)).float()
-        wanted = tensordict.get(getattr(keys, self._wanted)).detach()
-        weight = tensordict.get(keys.weight, None)
-        if weight is not None:
-            weight = weight.detach()
+        wanted = given.get(getattr(keys, self._wanted))
+        weight = given.get(keys.weight, None)
         measured = [
             self._reduce_loss(value.float(), tensordict, weights=weight)
             for value in self._compare(predicted, wanted)
@@ -57,10 +51,8 @@ class PairLoss(LossModule):
 class TCLoss(PairLoss):
     """Train the TC-network by the (weighted) mean binary cross-entropy ``loss_tc``.
 
-    Reference:
-        The paper, "Temporal correlation network", eq. 5.
-
-    ``network`` reads the pairs, views or embeddings, and writes the logit, ``[*B]``.
+    ``network`` reads the pairs, views or embeddings, and writes the logit, ``[*B]``:
+    the paper, "Temporal correlation network", eq. 5.
 
     Examples:
         >>> import torch
@@ -94,10 +86,8 @@ class TCLoss(PairLoss):
 class LLoss(PairLoss):
     """Train the L-network by the (weighted) mean cross-entropy ``loss_locomotion``.
 
-    ``network`` reads the pairs, views or embeddings; it writes the logits, ``[*B, A]``.
-
-    Reference:
-        The paper, "Navigation implementation", eq. 14.
+    ``network`` reads the pairs, views or embeddings; it writes the logits, ``[*B, A]``:
+    the paper, "Navigation implementation", eq. 14.
     """
 
     @dataclass

@@ -27,8 +27,7 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
     """Clipped policy loss over sequences with a state of the LSTM at their start.
 
     The trunk and the LSTM run once; ``ClipPPOLoss`` sees two linear heads on their
-    outputs. Call `estimate_advantage` once on a collected batch, before the passes over
-    its minibatches: the advantage rests on the values stored at collection.
+    outputs. Call `estimate_advantage` on a collected batch, before the passes over it.
 
     Reference:
         Schulman et al., "Proximal Policy Optimization Algorithms" (2017).

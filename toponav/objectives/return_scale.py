@@ -13,8 +13,7 @@ class ReturnScale(TensorDictModuleBase):
 
     For each env a return ``R <- gamma R + r`` runs through its decisions and restarts
     from 0 with an episode; the deviation is taken over all of them so far. Rewards are
-    not centred. Each env's return is kept between batches at its ``env_id``; batches
-    without that entry must hold the same envs in the same rows.
+    not centred. Returns are kept between batches by ``env_id``, or by row without it.
 
     Reference:
         Burda et al., "Exploration by Random Network Distillation" (2018), section 2.4.

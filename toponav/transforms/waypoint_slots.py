@@ -15,8 +15,7 @@ _SINCE_START = ("novel_streak", "since_new", "last_waypoint")
 class WaypointSlots(ResizableBuffers, nn.Module):
     """The bookkeeping of `WaypointMemory`: slots, visits and guards of new waypoints.
 
-    Knows neither views nor networks. All envs are one batch of N; each has A slots, of
-    which L are in use somewhere. The arguments are those of `WaypointMemory`.
+    All envs are one batch of N; each has A slots, of which L are in use somewhere.
     """
 
     memory: Tensor
@@ -125,10 +124,7 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         *,
         only: Tensor | None = None,
     ) -> None:
-        """Write entries ``[R, P]`` and views of new waypoints of the rows ``envs [R]``.
-
-        ``only``, bool ``[R]``, leaves the slots of the others as they are.
-        """
+        """Write entries ``[R, P]`` and views of rows ``envs [R]``, ``only`` of some."""
         kept = {"memory": entry.float()}
         if self.keep_images:
             kept["images"] = view

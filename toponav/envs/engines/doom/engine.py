@@ -48,8 +48,8 @@ _forking = threading.Lock()
 class Engine:
     """Runs one map of one WAD in a process of its own, without a window.
 
-    An ``EngineError`` if the engine is not installed or cannot load the map; tests that
-    ``inspect`` it also get its own depth and a list of all things.
+    An ``EngineError`` if it is not installed or cannot load the map; tests ``inspect``
+    its own depth and its list of all things.
     """
 
     def __init__(self, wad: Path, map_name: str, *, inspect: bool = False) -> None:

@@ -1,9 +1,8 @@
 """Bookkeeping of engine processes, so that none outlives its owner.
 
-An engine is a process of its own. It ends with its ``DoomGame``, but not when a signal
-kills Python: then it keeps running, with three files in shared memory. So each engine
-has a private folder whose name says who owns it: ``<pid>-<start time>-<random>``. The
-next start sweeps the folders of dead owners; SIGTERM ends the engines first.
+An engine is a process that outlives a killed Python, with three files in shared memory.
+So each has a private folder, ``<pid>-<start time>-<random>`` of its owner. The next
+start sweeps the folders of dead owners; SIGTERM ends the engines first.
 """
 
 import atexit
@@ -73,10 +72,7 @@ def sweep() -> int:
 
 
 def end_engines_on_sigterm() -> None:
-    """On SIGTERM, end this process's engines, then let the signal act as before.
-
-    Does nothing outside the main thread or where somebody else handles SIGTERM.
-    """
+    """On SIGTERM, unless somebody else handles it, end this process's engines first."""
     in_main_thread = threading.current_thread() is threading.main_thread()
     if in_main_thread and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, _on_sigterm)

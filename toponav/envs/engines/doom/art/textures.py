@@ -2,8 +2,7 @@
 
 All are seen in small views from up to a dozen cells away, so they are made of few, big,
 flat shapes. Style and hue of walls and floors say which region of the maze this is, a
-painting says which cell, and marks which patch of a wall a view from close by shows.
-A generator draws what varies.
+painting which cell, and marks which patch of a wall. A generator draws what varies.
 """
 
 import math

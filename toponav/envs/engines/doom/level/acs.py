@@ -1,9 +1,8 @@
 """The maze's engine scripts, assembled to ACS bytecode.
 
-The engine runs small scripts in its own byte code (ACS, the format of the "old"
-``BEHAVIOR`` lump). Python starts them with the console command ``puke``. Positions are
-16.16 fixed point, angles 65536ths of a turn, counter-clockwise from east. ACS global
-variable n is read in Python as ``GameVariable.USERn``.
+Python starts them with the console command ``puke``. Positions are 16.16 fixed point,
+angles 65536ths of a turn, counter-clockwise from east. ACS global variable n is read in
+Python as ``GameVariable.USERn``.
 """
 
 import struct

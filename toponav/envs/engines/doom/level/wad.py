@@ -7,10 +7,7 @@ _HEADER_SIZE = 12
 
 
 def build_wad(lumps: Sequence[tuple[str, bytes]]) -> bytes:
-    """Pack lumps, pairs of name and content, into a patch WAD in the given order.
-
-    A ``ValueError`` if a name is longer than eight characters.
-    """
+    """Pack lumps, pairs of name (at most 8 letters) and content, into a patch WAD."""
     directory = contents = b""
     for name, content in lumps:
         if len(name) > 8:

@@ -49,11 +49,7 @@ def cache_folder() -> Path:
 
 
 def wad_file(maze: CompiledMaze) -> Path:
-    """The file that holds a compiled maze; written if it is missing or damaged.
-
-    The content decides the name, and the file is written atomically, so many processes
-    may ask at once.
-    """
+    """The file of a compiled maze, named by its content and written atomically."""
     path = cache_folder() / f"{maze.digest}.wad"
     if not path.exists() or path.read_bytes() != maze.wad:
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
