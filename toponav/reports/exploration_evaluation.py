@@ -31,15 +31,8 @@ from toponav.training import (
 # Apart from the seeds of training; decisions from frame to frame of a video.
 _EVALUATION, _EVERY = 77, 6
 #: What is kept of each decision where it is there, for tables and pictures.
-_KEPT: list[NestedKey] = [
-    keys.POSITION,
-    keys.HEADING,
-    keys.CELL,
-    keys.COVERAGE,
-    keys.DECISIONS_TO_COVERAGE,
-    keys.IS_NEW_WAYPOINT,
-    keys.SPURIOUS_WAYPOINT,
-]
+_KEPT: list[NestedKey] = [keys.POSITION, keys.HEADING, keys.CELL, keys.COVERAGE]
+_KEPT += [keys.DECISIONS_TO_COVERAGE, keys.IS_NEW_WAYPOINT, keys.SPURIOUS_WAYPOINT]
 
 
 @dataclass
