@@ -56,7 +56,6 @@ from toponav.training import (
     Explorer,
     make_explore_collector,
     make_explore_env,
-    make_explorer,
     needed_keys,
     publish,
 )
@@ -156,7 +155,7 @@ def time_decision(
     tc = reward.novelty.tc
     tc.load_state_dict(networks.tc.state_dict())
     policy = LEARNERS[settings.loss.name].make_policy(settings, world)
-    explorer = make_explorer(policy, reward, None)
+    explorer = Explorer(policy, reward, None)
     env = make_explore_env(settings, world, explorer, envs=envs, seed=0)
     now = env.reset()
     seconds = {"policy": best_seconds(lambda: policy(now.clone()), 50) / envs}
@@ -194,7 +193,7 @@ def main() -> None:
         check=lambda figures, update: None,
         progress=lambda: 0.0,
     )
-    explorer = make_explorer(learner.policy, reward, networks)
+    explorer = Explorer(learner.policy, reward, networks)
 
     best, mean, batch = run_all_in(
         settings, world, explorer, learner, arguments.seconds

@@ -41,7 +41,7 @@ from toponav.policies import (
     StickyPolicy,
     forward_weights,
 )
-from toponav.training import make_explore_env, make_explorer
+from toponav.training import Explorer, make_explore_env
 from toponav.transforms import WaypointMemory
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
@@ -99,7 +99,7 @@ def record(
     The embeddings have the shape of views, ``[E, 1, 1, D]``, as the memory wants them.
     """
     keys = [EMBEDDING, POSITION, HEADING, COVERAGE]
-    explorer = make_explorer(
+    explorer = Explorer(
         LEARNERS[settings.loss.name].make_policy(settings, world),
         make_reward(settings, world, networks),
         networks,

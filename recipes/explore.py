@@ -47,9 +47,9 @@ from toponav.reports import (
 from toponav.runs import stop_requests
 from toponav.training import (
     ExplorationState,
+    Explorer,
     make_consumers,
     make_explore_collector,
-    make_explorer,
     make_learner,
     needed_keys,
     publish,
@@ -79,7 +79,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     state = ExplorationState()
     reward = make_reward(settings, world, networks)
     learner = make_learner(settings, world, reward, state, folder)
-    explorer = make_explorer(learner.policy, reward, networks)
+    explorer = Explorer(learner.policy, reward, networks)
     log, consumers = make_consumers(
         settings, world, networks, learner, reward, state, folder
     )

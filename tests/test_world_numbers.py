@@ -41,7 +41,7 @@ BARE = {*SPEC.view_size, SPEC.motion.cell_size, SPEC.motion.step}
 ALLOWED = {
     "benchmarks/coverage.py": "128 episodes",
     "benchmarks/map_growth.py": "120 decisions",
-    "toponav/builders/watch.py": "120 letters of a message",
+    "toponav/builders/processes.py": "120 letters of a message",
     "toponav/ground_truth/distances.py": "1/128 cell, a weight, not in map units",
     "toponav/launch.py": "128 + signal: the exit status",
     "toponav/metrics/tc_report.py": "120 degrees between two headings",
@@ -49,7 +49,7 @@ ALLOWED = {
     "toponav/modules/pair_networks.py": "128 features of a projection",
     "toponav/plotting/style.py": "120 dots per inch",
     "toponav/plotting/video.py": "160: grey",
-    "toponav/runs/stop_requests.py": "128 + signal: the exit status",
+    "toponav/runs/locks.py": "128 + signal: the exit status",
     "conf/explore/laptop.yaml": "seconds between pictures and checkpoints",
     "conf/model/resnet18.yaml": "128 features of a projection",
     "conf/model/small.yaml": "128 features of a projection",

@@ -8,10 +8,9 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from difflib import get_close_matches
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -43,11 +42,7 @@ _FLAGS = (
 
 
 class _JobError(Exception):
-    """A job of a sweep ended with a sentence, which was printed."""
-
-    def __init__(self, status: int) -> None:
-        super().__init__(status)
-        self.status = status
+    """A job of a sweep ended with a sentence, which was printed; holds its status."""
 
 
 def recipe(
@@ -57,10 +52,9 @@ def recipe(
 
     Hydra composes ``conf/<name>.yaml`` and the command line, makes the run folder
     and starts sweeps (``-m``). A bad setting is one sentence on standard error and
-    exit status 2, before the function is called. SIGTERM ends the run like
-    ``sys.exit``, so that ``finally`` blocks do their work. ``resume=<run folder>``
-    continues in that folder with its settings; what the command line says beside it
-    comes on top.
+    exit status 2. SIGTERM ends the run like ``sys.exit``, so that ``finally`` blocks do
+    their work. ``resume=<run folder>`` continues in that folder with its settings; what
+    the command line says beside it comes on top.
 
     Args:
         name: the recipe, a key of ``RECIPES``.
@@ -171,7 +165,9 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
     if not overrides.is_file():
         raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
     config = overrides.with_name("config.yaml")
-    known = {*_keys(RECIPES[recipe]), *chain.from_iterable(_of_methods().values())}
+    known = set(_keys(RECIPES[recipe]))
+    for group, schemas in METHODS.items():
+        known.update(*(_keys(schema, f"{group}.") for schema in schemas.values()))
     old = OmegaConf.to_container(OmegaConf.load(config)) if config.is_file() else {}
     other = next((key for key in _leaves(old) if key not in known), None)
     require(
@@ -225,7 +221,7 @@ def _one_sentence(name: str) -> Iterator[None]:
         yield
     except _JobError as error:
         print(f"{name}: not all jobs of the sweep succeeded", file=sys.stderr)  # noqa: T201
-        sys.exit(error.status)
+        sys.exit(error.args[0])
     except (*_REFUSALS, *_FAILURES) as error:
         print(f"{name}: {_sentence(error, name)}", file=sys.stderr)  # noqa: T201
         sys.exit(_USAGE_ERROR if isinstance(error, _REFUSALS) else _FAILED)
@@ -233,20 +229,12 @@ def _one_sentence(name: str) -> Iterator[None]:
 
 def _sentence(error: Exception, name: str) -> str:
     """What must hold, what was given and the nearest valid choice."""
-    if isinstance(error, _FAILURES):
-        return str(error)
-    refusal: BaseException | None = error
-    while refusal is not None:
-        if isinstance(refusal, SettingsError):
-            return str(refusal)
-        # A resolver's own error, which OmegaConf wraps without naming it as the cause.
-        refusal = refusal.__cause__ or refusal.__context__
+    errors = list(_chain(error))
+    for one in errors:
+        if isinstance(one, (SettingsError, *_FAILURES)):
+            return str(one)
     # The innermost message first: Hydra wraps what OmegaConf says.
-    messages, cause = [str(error)], error.__cause__
-    while cause is not None:
-        messages.insert(0, str(cause))
-        cause = cause.__cause__
-    text = "\n".join(messages)
+    text = "\n".join(str(one) for one in reversed(errors))
     if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
         group, given = found.groups()
         # The group of a recipe's own scales, which is chosen by this word.
@@ -255,10 +243,8 @@ def _sentence(error: Exception, name: str) -> str:
         # What options build on is none itself; "run" is navigate's own default.
         parts = re.compile(r"base|schema|run|\w+_schema")
         choices = [option for option in options if not parts.fullmatch(option)]
-        return (
-            f"{group} must be one of {', '.join(choices)}, got '{given}'"
-            f"{_hint(given, choices)}"
-        )
+        rule = f"{group} must be one of {', '.join(choices)}"
+        return f"{rule}, got '{given}'{_hint(given, choices)}"
     if found := re.search(r"full_key: (\S+)", text):
         key = found.group(1)
         known, group = list(_keys(RECIPES[name])), key.split(".")[0]
@@ -267,12 +253,10 @@ def _sentence(error: Exception, name: str) -> str:
             for method, schema in METHODS.get(group, {}).items()
             if group in known and key in _keys(schema, f"{group}.")
         ]
-        in_force = _in_force(error)
+        in_force = _in_force(errors)
         if owners and " not in " in text:
-            return (
-                f"'{key}' must go with {' or '.join(owners)}, got "
-                f"{group}={in_force[group]}"
-            )
+            rule = f"'{key}' must go with {' or '.join(owners)}"
+            return f"{rule}, got {group}={in_force[group]}"
         if key not in known and not key.startswith("hydra."):
             schemas = {one: METHODS[one][method] for one, method in in_force.items()}
             known += [of for one in schemas for of in _keys(schemas[one], f"{one}.")]
@@ -284,22 +268,19 @@ def _sentence(error: Exception, name: str) -> str:
     return next(line.strip() for line in text.splitlines() if line.strip())
 
 
-def _of_methods() -> dict[str, list[str]]:
-    """By its choice on a command line, the settings of each method."""
-    return {
-        f"{group}={method}": list(_keys(schema, f"{group}."))
-        for group, schemas in METHODS.items()
-        for method, schema in schemas.items()
-    }
-
-
-def _in_force(error: BaseException | None) -> dict[str, str]:
-    """The method of each group in the settings that OmegaConf refused."""
+def _chain(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and its causes; OmegaConf wraps a resolver's own without naming it."""
     while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _in_force(errors: Iterable[BaseException]) -> dict[str, str]:
+    """The method of each group in the settings that OmegaConf refused."""
+    for error in errors:
         if isinstance(error, OmegaConfBaseException) and error.parent_node is not None:
             root = error.parent_node._get_root()
             return {group: root[group].name for group in METHODS if group in root}
-        error = error.__cause__
     return {}
 
 

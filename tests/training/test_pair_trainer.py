@@ -98,10 +98,10 @@ def test_a_trainer_continues_where_its_state_was_taken() -> None:
 
 def test_a_loss_that_is_not_finite_is_named() -> None:
     figures = {"loss_tc": 0.7, "loss_locomotion": 1.5}
-    require_finite(figures, 3, Path("run"))
+    require_finite(figures, 3, Path("run"), setting="train.lr")
     figures["loss_locomotion"] = float("nan")
     with pytest.raises(
         TrainingError,
         match=r"loss_locomotion must be finite, got nan in update 3; .*checkpoint.pt",
     ):
-        require_finite(figures, 3, Path("run"))
+        require_finite(figures, 3, Path("run"), setting="train.lr")

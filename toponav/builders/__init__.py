@@ -20,11 +20,9 @@ from toponav.builders.navigation import (
     MAP_FILE as MAP_FILE,
     POSES_FILE as POSES_FILE,
     AgentKnowledge as AgentKnowledge,
+    GoalPlaces as GoalPlaces,
     GroundTruth as GroundTruth,
     load_exploration as load_exploration,
-)
-from toponav.builders.navigation_goals import (
-    GoalPlaces as GoalPlaces,
     make_goal_places as make_goal_places,
     make_navigation_env as make_navigation_env,
 )
@@ -45,6 +43,8 @@ from toponav.builders.pretraining import (
     pretraining_decisions as pretraining_decisions,
 )
 from toponav.builders.processes import (
+    CollectionError as CollectionError,
+    collect_batches as collect_batches,
     keep_freed_memory as keep_freed_memory,
     make_autocast as make_autocast,
     make_device as make_device,
@@ -60,9 +60,4 @@ from toponav.builders.protocols import (
     Learner as Learner,
     RewardMethod as RewardMethod,
     World as World,
-)
-from toponav.builders.watch import (
-    CollectionError as CollectionError,
-    collect_batches as collect_batches,
-    start_collector as start_collector,
 )

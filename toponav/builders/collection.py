@@ -16,9 +16,13 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.weight_update import NoWeightSyncScheme
 from tqdm import tqdm
 
-from toponav.builders.processes import keep_freed_memory, stop_collector
+from toponav.builders.processes import (
+    collect_batches,
+    keep_freed_memory,
+    start_collector,
+    stop_collector,
+)
 from toponav.builders.protocols import World
-from toponav.builders.watch import collect_batches, start_collector
 from toponav.collectors import PatientAsyncCollector
 from toponav.config import PretrainConfig
 from toponav.data import HeldOut

@@ -1,31 +1,40 @@
-"""What an exploration left: to its agent, and to those who judge the agent."""
+"""What an exploration left to its agent and to those who judge it; the goals."""
 
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
+from torchrl.envs import EnvBase, InitTracker, TransformedEnv
+from torchrl.envs.transforms import Compose
 
+from toponav.builders.collection import collect_rollout
 from toponav.builders.maps import empty_map
-from toponav.builders.mazes import engine_world, make_layout
+from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
-from toponav.config import (
-    MazeConfig,
-    NavigateConfig,
-    refusing,
-    require,
-    run_setting,
-)
+from toponav.builders.processes import seed_of
+from toponav.config import MazeConfig, NavigateConfig, refusing, require, run_setting
 from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
-from toponav.ground_truth import GroundTruthDistances, require_motion
+from toponav.ground_truth import GroundTruthDistances, pick_goal_views, require_motion
+from toponav.keys import HEADING, PIXELS, POSITION, REWARD
+from toponav.policies import FrontierExpert
+from toponav.transforms import GoalViews, PreviousReward
 from toponav.worlds import WorldSpec
+
+Cell = tuple[int, int]
 
 #: The files in a run folder that hold the map, and where its waypoints truly are.
 MAP_FILE, POSES_FILE = "map.zip", "map_poses.npy"
 #: What must be as it was while exploring, beside the layout.
 _APPEARANCE = ("texture_seed", "paintings", "marks")
+# Apart from the seeds of the episodes.
+_WALK, _WALKERS = 55, 4
+# Decisions of a walk between two choices of pictures; most decisions for each cell.
+_CHUNK, _MOST_PER_CELL = 900, 50
 
 
 @dataclass(frozen=True)
@@ -75,8 +84,7 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
     rule = "run must name an exploration with networks and a map"
     rule += ", which reward=novelty leaves, and others that get `pretrained`"
     for name in (NETWORKS_FILE, MAP_FILE, POSES_FILE):
-        given = f"'{folder}' without {name}"
-        require((folder / name).is_file(), rule, given)
+        require((folder / name).is_file(), rule, f"'{folder}' without {name}")
     networks = load_networks(folder, setting="run", world=world)
     topological_map = _load_map(folder, networks)
     poses = _load_poses(folder, topological_map.num_waypoints)
@@ -85,8 +93,8 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
         cell_size=require_motion(world).cell_size,
         slot_cells=list(layout.slots.values()),
     )
-    knowledge = AgentKnowledge(world, networks, topological_map)
-    return knowledge, GroundTruth(poses, layout, distances)
+    truth = GroundTruth(poses, layout, distances)
+    return AgentKnowledge(world, networks, topological_map), truth
 
 
 def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None:
@@ -119,7 +127,120 @@ def _load_map(folder: Path, networks: Networks) -> TopologicalMap:
 def _load_poses(folder: Path, num_waypoints: int) -> Tensor:
     with refusing("run: ", (ValueError, OSError, EOFError)):
         poses = np.load(folder / POSES_FILE, allow_pickle=False)
-    rule = f"a row of three for each of {num_waypoints} waypoints"
-    rule = f"run must name an exploration whose {POSES_FILE} has {rule}"
+    rule = f"run must name an exploration whose {POSES_FILE} has a row of three for "
+    rule += f"each of {num_waypoints} waypoints"
     require(poses.shape == (num_waypoints, 3), rule, poses.shape)
     return torch.from_numpy(poses).float()
+
+
+@dataclass(frozen=True)
+class GoalPlaces:
+    """The places where a goal can be: those with pictures.
+
+    Args:
+        cells: int64 ``[K, 2]``, row and column.
+        views: uint8 ``[K, V, H, W, 3]``, V pictures of each.
+        num_without: how many other places have no picture.
+    """
+
+    cells: Tensor
+    views: Tensor
+    num_without: int = 0
+
+
+def make_goal_places(
+    config: NavigateConfig, knowledge: AgentKnowledge, truth: GroundTruth
+) -> GoalPlaces:
+    """Choose pictures of every cell that is no slot and of which there are some.
+
+    Whoever poses the task knows where each picture was taken; the agent gets the
+    pictures alone.
+
+    Raises:
+        SettingsError: if no cell has a picture.
+    """
+    slots = set(truth.layout.slots.values())
+    cells = [cell for cell in truth.layout.cells if cell not in slots]
+    if config.goals.source == "map":
+        views, poses = knowledge.map.waypoints.images, np.asarray(truth.poses)
+    else:
+        views, poses = _walk_for_views(config, truth, cells)
+    chosen = _choose(config, truth, cells, poses)
+    found = torch.from_numpy((chosen >= 0).all(1))
+    require(
+        bool(found.any()),
+        f"goals.source must have a picture of one of {len(cells)} places at least",
+        f"none from '{config.goals.source}' (did you mean a longer exploration or "
+        "goals.source=walk?)",
+    )
+    pictures = views[torch.from_numpy(chosen)[found]]
+    return GoalPlaces(torch.tensor(cells)[found], pictures, int((~found).sum()))
+
+
+def _choose(
+    config: NavigateConfig, truth: GroundTruth, cells: Sequence[Cell], poses: np.ndarray
+) -> np.ndarray:
+    """Numbers of the pictures of each cell, int ``[K, V]``, -1 without any."""
+    places, headings, views = poses[:, :2], poses[:, 2], config.goals.views
+    return pick_goal_views(places, headings, cells, truth.distances, num_views=views)
+
+
+def _walk_for_views(
+    config: NavigateConfig, truth: GroundTruth, cells: Sequence[Cell]
+) -> tuple[Tensor, np.ndarray]:
+    """Views and poses of a scripted walk, of which only those chosen are kept.
+
+    It ends when every walker has visited every cell, or after so many decisions that
+    what is missing cannot be reached.
+    """
+    maze = replace(config.maze, goal=False, blocked=[], apples=0)
+    seed, keys = seed_of(config.seed, _WALK), [PIXELS, POSITION, HEADING]
+    env = make_env(
+        maze, engine=config.engine, batch_size=_WALKERS, seed=seed, privileged=True
+    )
+    walker = FrontierExpert(
+        torch.as_tensor(truth.layout.open_mask),
+        world=env.world,
+        slot_cells=list(truth.layout.slots.values()),
+        init_key=None,
+        seed=config.seed,
+    )
+    views = torch.empty(0, *env.world.view_size, 3, dtype=torch.uint8)
+    poses = np.empty((0, 3))
+    with closing(env):
+        for _ in range(0, _MOST_PER_CELL * len(cells) + _CHUNK, _CHUNK):
+            seen = collect_rollout(env, walker, _CHUNK, keep=keys).frames.reshape(-1)
+            pose = torch.cat([seen[POSITION], seen[HEADING]], -1)
+            views = torch.cat([views, seen[PIXELS]])
+            poses = np.concatenate([poses, np.asarray(pose, float)])
+            chosen = np.unique(_choose(config, truth, cells, poses))
+            kept = chosen[chosen >= 0]
+            views, poses = views[kept], poses[kept]
+            if walker.visited.all():
+                break
+    return views, poses
+
+
+def make_navigation_env(
+    config: NavigateConfig, places: GoalPlaces, *, envs: int, seed: int
+) -> EnvBase:
+    """E mazes with a goal, its pictures, and all that a navigator reads.
+
+    The ground truth is there too, for those who judge and for the oracle.
+
+    Raises:
+        SettingsError: if the settings do not fit the maze.
+        EngineError: if the engine cannot start.
+    """
+    env = make_env(
+        config.maze,
+        engine=config.engine,
+        batch_size=envs,
+        seed=seed,
+        privileged=True,
+        goal_cells=[(row, column) for row, column in places.cells.tolist()],
+    )
+    assert env.world.goal_reward is not None  # mazes have goals
+    reward = PreviousReward(env.world.goal_reward, in_keys=[REWARD])
+    views = GoalViews(places.cells, places.views)
+    return TransformedEnv(env, Compose(views, reward, InitTracker()))

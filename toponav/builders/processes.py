@@ -1,15 +1,19 @@
-"""How a process computes: device, precision, threads, memory, seeds, its end."""
+"""How a process computes, and collecting processes: started, watched, stopped."""
 
 import ctypes
-from collections.abc import Iterator
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 import numpy as np
 import torch
+from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector
 
-from toponav.config import SettingsError
-from toponav.envs import end_stray_engines
+from toponav.config import SettingsError, TrainingError
+from toponav.envs import EngineError, end_stray_engines
 
 # Parameters of glibc's mallopt, from malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
@@ -94,6 +98,42 @@ def seed_of(*parts: int) -> int:
     return int(np.random.SeedSequence(parts).generate_state(1)[0] >> 1)
 
 
+class CollectionError(TrainingError):
+    """The collecting processes stopped delivering, or never began."""
+
+
+def start_collector(
+    make: Callable[[], BaseCollector], *, max_idle_s: float
+) -> BaseCollector:
+    """Start collecting processes; if they cannot start, none of them is left.
+
+    Raises:
+        CollectionError: if one dies or needs longer than ``max_idle_s``.
+        EngineError: if an engine cannot start.
+    """
+    try:
+        with _watched(max_idle_s):
+            return make()
+    except BaseException:
+        _kill_children()
+        raise
+
+
+def collect_batches(
+    collector: BaseCollector, *, max_idle_s: float
+) -> Iterator[TensorDictBase]:
+    """Batches of a collector, or an error of one sentence if no more come.
+
+    Raises:
+        CollectionError: if a process dies, or no batch comes within ``max_idle_s``.
+    """
+    batches: Iterator[TensorDictBase] = iter(collector)
+    while True:
+        with _watched(max_idle_s):
+            batch = next(batches)
+        yield batch
+
+
 def stop_collector(collector: BaseCollector) -> None:
     """Shut a collector down, whatever state its processes are in.
 
@@ -104,4 +144,45 @@ def stop_collector(collector: BaseCollector) -> None:
     threads = torch.get_num_threads()
     collector.shutdown(raise_on_error=False)
     torch.set_num_threads(threads)
+    end_stray_engines()
+
+
+@contextmanager
+def _watched(max_idle_s: float) -> Iterator[None]:
+    """Make the death of a child process, or too long a wait for one, an error.
+
+    Who waits for the message of a process that died waits on while the engines of that
+    process hold its pipe open, so these are ended each second. Processes that hang are
+    ended after ``max_idle_s``, since nothing else would wake who waits for them.
+    """
+    done, hung = threading.Event(), threading.Event()
+    deadline = time.monotonic() + max_idle_s
+
+    def watch() -> None:
+        while not done.wait(1.0):
+            if time.monotonic() > deadline:
+                hung.set()
+                _kill_children()
+            end_stray_engines()
+
+    threading.Thread(target=watch, daemon=True, name="watch").start()
+    try:
+        yield
+    except EngineError:
+        raise
+    except (RuntimeError, EOFError, OSError) as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:120]
+        if hung.is_set():
+            reason = f"nothing came in {max_idle_s:g} s (collect.max_idle_s)"
+        raise CollectionError(
+            f"the collecting processes must live as long as the run, got: {reason}"
+        ) from error
+    finally:
+        done.set()
+
+
+def _kill_children() -> None:
+    for process in multiprocessing.active_children():
+        process.kill()
+        process.join()
     end_stray_engines()

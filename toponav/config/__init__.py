@@ -18,6 +18,7 @@ from toponav.config.checks import (
     one_of as one_of,
     refusing as refusing,
     require as require,
+    require_multiple as require_multiple,
     threshold_or as threshold_or,
 )
 from toponav.config.explore import (

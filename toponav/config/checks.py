@@ -26,6 +26,13 @@ def require(holds: bool, rule: str, given: object) -> None:
         raise SettingsError(f"{rule}, got {given}")
 
 
+def require_multiple(name: str, value: int, base_name: str, base: int) -> None:
+    """Refuse a setting that is no multiple of another one; names the nearest."""
+    nearest = max(round(value / base), 1) * base
+    rule = f"{name} must be a multiple of {base_name}={base}"
+    require(value % base == 0, rule, f"{value} (did you mean {nearest}?)")
+
+
 @contextmanager
 def refusing(
     start: str, errors: tuple[type[Exception], ...] = (ValueError,)
@@ -48,7 +55,7 @@ def refusing(
 
 @dataclass
 class Settings:
-    """A group of settings, whose fields say what they may hold, or ``None``.
+    """A group of settings, whose fields say what they may hold beside ``None``.
 
     Examples:
         >>> @dataclass
@@ -66,19 +73,18 @@ class Settings:
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            if value is not None and "rule" in one.metadata:
-                holds, rule, given = (
-                    one.metadata[k] for k in ("holds", "rule", "given")
-                )
+            if value is not None and "check" in one.metadata:
                 name = f"{self.group}.{one.name}" if self.group else one.name
-                require(holds(value), f"{name} must {rule}", given(value))
+                one.metadata["check"](name, value)
 
 
 def _field(
     rule: str, holds: Callable[[Any], bool], given: Callable[[Any], object] = str
 ) -> Any:
-    metadata = {"rule": rule, "holds": holds, "given": given}
-    return field(default=MISSING, metadata=metadata)
+    def check(name: str, value: Any) -> None:
+        require(holds(value), f"{name} must {rule}", given(value))
+
+    return field(default=MISSING, metadata={"check": check})
 
 
 def at_least(least: float) -> Any:

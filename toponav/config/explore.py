@@ -11,6 +11,7 @@ from toponav.config.checks import (
     between,
     one_of,
     require,
+    require_multiple,
     threshold_or,
 )
 from toponav.config.groups import (
@@ -49,12 +50,7 @@ class ExploreCollectConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        nearest = max(round(self.envs / self.workers), 1) * self.workers
-        require(
-            self.envs % self.workers == 0,
-            f"collect.envs must be a multiple of collect.workers={self.workers}",
-            f"{self.envs} (did you mean {nearest}?)",
-        )
+        require_multiple("collect.envs", self.envs, "collect.workers", self.workers)
 
 
 @dataclass
@@ -168,42 +164,26 @@ class ExploreConfig(Settings):
         super().__post_init__()
         self.loss.check(self.collect.envs)
         batch, decisions = self.collect.envs * self.loss.rollout, self.collect.decisions
-        require(
-            batch <= decisions,
-            "collect.decisions must be at least collect.envs * loss.rollout = "
-            f"{batch}, one batch",
-            decisions,
-        )
-        episode = self.world.episode_length
-        length = f"{self.world.group}.episode_length"
-        require(
-            self.locomotion.k < episode,
-            f"locomotion.k must be less than {length} = {episode} decisions",
-            self.locomotion.k,
-        )
-        require(
-            not self.map.grow or self.map.after < decisions,
-            f"map.after must be less than collect.decisions = {decisions}",
-            self.map.after,
-        )
+        rule = "collect.decisions must be at least collect.envs * loss.rollout"
+        require(batch <= decisions, f"{rule} = {batch}, one batch", decisions)
+        world, k = self.world, self.locomotion.k
+        length, episode = f"{world.group}.episode_length", world.episode_length
+        rule = f"locomotion.k must be less than {length} = {episode} decisions"
+        require(k < episode, rule, k)
+        rule, after = "map.after must be less than collect.decisions", self.map.after
+        require(not self.map.grow or after < decisions, f"{rule} = {decisions}", after)
         self.pairs.check_room({length: episode}, self.pairs.m)
 
     def resolved(self, model: ModelConfig | None) -> "ExploreConfig":
-        """These settings with the model of its networks, and ``policy.input`` set.
-
-        Args:
-            model: of the networks; ``None`` in a run without.
+        """These settings with ``policy.input`` set and, if any, the networks' model.
 
         Raises:
             SettingsError: if the policy should see embeddings that nobody makes.
         """
         automatic = "pixels" if model is None else "embedding"
         view = automatic if self.policy.input == "auto" else self.policy.input
-        require(
-            view == "pixels" or model is not None,
-            "policy.input must be pixels in a run without networks (reward="
-            f"{self.reward.name} and no pretrained)",
-            view,
-        )
+        rule = "policy.input must be pixels in a run without networks"
+        rule += f" (reward={self.reward.name} and no pretrained)"
+        require(view == "pixels" or model is not None, rule, view)
         policy = replace(self.policy, input=view)
         return replace(self, model=model or self.model, policy=policy)

@@ -32,11 +32,8 @@ class MazeConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            self.name != "file" or bool(self.path),
-            "maze.path must name a layout file when maze=file",
-            self.path,
-        )
+        rule = "maze.path must name a layout file when maze=file"
+        require(self.name != "file" or bool(self.path), rule, self.path)
 
 
 @dataclass
@@ -88,21 +85,12 @@ class ModelConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            min(self.comparator_hidden, default=0) >= 1,
-            "model.comparator_hidden must be a list of widths of at least 1",
-            self.comparator_hidden,
-        )
-        require(
-            min(self.locomotion_hidden, default=1) >= 1,
-            "model.locomotion_hidden must hold widths of at least 1",
-            self.locomotion_hidden,
-        )
-        require(
-            self.batch_norm or self.encoder == "small",
-            "model.batch_norm must be true with the encoder resnet18",
-            self.batch_norm,
-        )
+        rule, widths = "must be a list of widths of at least 1", self.comparator_hidden
+        require(min(widths, default=0) >= 1, f"model.comparator_hidden {rule}", widths)
+        rule, widths = "must hold widths of at least 1", self.locomotion_hidden
+        require(min(widths, default=1) >= 1, f"model.locomotion_hidden {rule}", widths)
+        rule, norm = "must be true with the encoder resnet18", self.batch_norm
+        require(norm or self.encoder == "small", f"model.batch_norm {rule}", norm)
 
     @property
     def halve(self) -> bool:
@@ -127,13 +115,9 @@ class PairsConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        longest = max(self.k, self.locomotion_k)
-        require(
-            not self.mined or self.chunk_len > longest,
-            "pairs.chunk_len must be more than pairs.k and pairs.locomotion_k, "
-            f"{longest}",
-            self.chunk_len,
-        )
+        longest, length = max(self.k, self.locomotion_k), self.chunk_len
+        rule = "pairs.chunk_len must be more than pairs.k and pairs.locomotion_k"
+        require(not self.mined or length > longest, f"{rule}, {longest}", length)
 
     def check_room(self, lengths: Mapping[str, int], m: int) -> None:
         """Refuse what has no room for a pair, the longest of M = ``m``."""

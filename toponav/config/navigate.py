@@ -69,9 +69,8 @@ class NavigateConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            self.maze.goal, "maze.goal must be true, so that there is a goal", False
-        )
+        rule = "maze.goal must be true, so that there is a goal"
+        require(self.maze.goal, rule, False)
 
 
 @dataclass
@@ -96,22 +95,15 @@ class SweepReportConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            bool(self.folder),
-            "folder must name the folder of a sweep, such as multirun/explore/<time>",
-            f"'{self.folder}'",
-        )
+        rule = "folder must name the folder of a sweep, such as multirun/explore/<time>"
+        require(bool(self.folder), rule, f"'{self.folder}'")
 
 
 def run_setting(run: str | None, name: str, default: Any = _NONE) -> Any:
-    """A setting of the exploration in a run folder, of which nothing else is read.
+    """A setting, by its dotted name, of the exploration in a run folder.
 
-    YAML writes it ``${run_setting:${run},maze.name}``.
-
-    Args:
-        run: the folder.
-        name: dotted name of the setting.
-        default: without a run, and of earlier runs that had no such setting.
+    YAML writes it ``${run_setting:${run},maze.name}``. The default stands for that of
+    no run, and of earlier runs that had no such setting.
 
     Raises:
         SettingsError: if it is no folder of an exploration, or has no such setting.

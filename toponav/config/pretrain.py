@@ -26,11 +26,8 @@ class CollectConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.share <= 1, "collect.share must be at most 1", self.share)
-        require(
-            self.batch % self.envs == 0,
-            f"collect.batch must be a multiple of collect.envs={self.envs}",
-            self.batch,
-        )
+        rule = f"collect.batch must be a multiple of collect.envs={self.envs}"
+        require(self.batch % self.envs == 0, rule, self.batch)
 
 
 @dataclass
@@ -93,11 +90,9 @@ class PretrainConfig:
             "collect.ahead / (workers * envs)": self.collect.ahead // rows,
         }
         self.pairs.check_room(lengths, self.longest_m)
-        require(
-            self.collect.ahead <= self.collect.decisions,
-            f"collect.ahead must be at most collect.decisions={self.collect.decisions}",
-            self.collect.ahead,
-        )
+        ahead, most = self.collect.ahead, self.collect.decisions
+        rule = f"collect.ahead must be at most collect.decisions={most}"
+        require(ahead <= most, rule, ahead)
 
     @property
     def longest_m(self) -> int:

@@ -11,7 +11,11 @@ from toponav.runs.files import (
     write_history as write_history,
     write_text as write_text,
 )
-from toponav.runs.locks import alone_in as alone_in, remove_unused as remove_unused
+from toponav.runs.locks import (
+    alone_in as alone_in,
+    remove_unused as remove_unused,
+    stop_requests as stop_requests,
+)
 from toponav.runs.run_folders import (
     BrokenRunError as BrokenRunError,
     Exploration as Exploration,
@@ -23,4 +27,3 @@ from toponav.runs.run_folders import (
     read_table as read_table,
     swept_settings as swept_settings,
 )
-from toponav.runs.stop_requests import stop_requests as stop_requests

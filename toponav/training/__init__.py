@@ -1,6 +1,8 @@
 """What learns from collected batches, and where they come from."""
 
 from toponav.training.checkpoints import (
+    BASELINES as BASELINES,
+    ExplorationState as ExplorationState,
     restore_exploration as restore_exploration,
     restore_training as restore_training,
     save_exploration as save_exploration,
@@ -23,19 +25,12 @@ from toponav.training.episode_log import (
     Row as Row,
     mean_of as mean_of,
 )
-from toponav.training.exploration_state import (
-    BASELINES as BASELINES,
-    ExplorationState as ExplorationState,
-)
 from toponav.training.explore_collector import (
-    make_explore_collector as make_explore_collector,
-    publish as publish,
-)
-from toponav.training.explorer import (
     COVERAGE_LEVELS as COVERAGE_LEVELS,
     Explorer as Explorer,
+    make_explore_collector as make_explore_collector,
     make_explore_env as make_explore_env,
-    make_explorer as make_explorer,
+    publish as publish,
 )
 from toponav.training.map_growth import MapGrowth as MapGrowth
 from toponav.training.pair_trainer import (

@@ -9,19 +9,12 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from toponav.builders import (
-    NETWORKS,
-    Consumer,
-    Learner,
-    Networks,
-    RewardMethod,
-    World,
-)
+from toponav.builders import NETWORKS, Consumer, Learner, Networks, RewardMethod, World
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS
+from toponav.training.checkpoints import ExplorationState
 from toponav.training.continued_training import ContinuedTraining, LocomotionFinetuner
 from toponav.training.episode_log import EpisodeLog, mean_of
-from toponav.training.exploration_state import ExplorationState
 from toponav.training.map_growth import MapGrowth
 from toponav.training.pair_trainer import require_finite
 
@@ -112,27 +105,23 @@ def make_consumers(
     log = EpisodeLog(settings.collect.envs, world, reward)
     consumers: dict[str, Consumer] = {"episodes": log, "learner": learner}
     if (metric := reward.selection_metric) is not None:
-        window = settings.report.best_of
-        consumers["best"] = BestPolicy(
-            learner.policy, log, state, metric=metric, window=window
-        )
+        last = settings.report.best_of
+        best = BestPolicy(learner.policy, log, state, metric=metric, window=last)
+        consumers["best"] = best
     consumers["reward"] = reward
     if networks is None:
         return log, consumers
-    check = partial(require_finite, folder=folder)
     if settings.map.grow:
         consumers["map"] = MapGrowth(settings, world, networks)
     # Continued training trains the whole L-network; and a head can learn from stored
     # embeddings only if its encoder made them.
     shares = networks.locomotion.encoder is networks.tc.encoder
     if settings.online.learn:
-        consumers["online"] = ContinuedTraining(
-            settings, networks, partial(check, setting="online.lr")
-        )
+        check = partial(require_finite, folder=folder, setting="online.lr")
+        consumers["online"] = ContinuedTraining(settings, networks, check)
     elif settings.locomotion.learn and shares:
-        consumers["locomotion"] = LocomotionFinetuner(
-            settings, networks, partial(check, setting="locomotion.lr")
-        )
+        check = partial(require_finite, folder=folder, setting="locomotion.lr")
+        consumers["locomotion"] = LocomotionFinetuner(settings, networks, check)
     return log, consumers
 
 

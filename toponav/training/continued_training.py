@@ -36,12 +36,10 @@ _WEIGHT_DECAY, _ROW_EVERY = 1e-3, 100
 
 
 class ContinuedTraining(Consumer):
-    """Takes the batches of an exploration, and trains the networks from their views.
+    """Trains the networks, in place, from the views of an exploration's batches.
 
-    Args:
-        settings: ``online`` says when and how fast to learn, ``pairs`` from what.
-        networks: trained in place; in ``train()`` mode during an update only.
-        check: see `PairTrainer`.
+    They are in ``train()`` mode during an update only. The settings' ``online`` says
+    when and how fast to learn, ``pairs`` from what.
     """
 
     in_keys = FRAME_KEYS
@@ -105,12 +103,8 @@ class LocomotionFinetuner(Consumer):
     """Keeps embeddings and actions of an exploration, and trains the L-network's head.
 
     An explorer that has learned walks straight on, where most decisions of a random
-    walk are for nothing. The encoder stays as it is, so that a decision takes 0.5 kB.
-
-    Args:
-        settings: ``locomotion`` says how much to keep, and how to train.
-        networks: with one encoder: embeddings of explorers are the TC-network's.
-        check: see `PairTrainer`.
+    walk are for nothing. The encoder stays as it is, so that a decision takes 0.5 kB;
+    the networks must share it: embeddings of explorers are the TC-network's.
     """
 
     in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")
@@ -165,9 +159,8 @@ class LocomotionFinetuner(Consumer):
         for update in bar:
             measured = trainer.step()
             schedule.step()
-            sums += torch.tensor(
-                [measured["loss_locomotion"], measured["train_l_accuracy"]]
-            )
+            figures = measured["loss_locomotion"], measured["train_l_accuracy"]
+            sums += torch.tensor(figures)
             if update % _ROW_EVERY == 0 or update == config.updates:
                 since = update - (int(rows[-1]["update"]) if rows else 0)
                 loss, accuracy = (sums / since).tolist()

@@ -26,14 +26,8 @@ class EpisodeLog(Consumer):
     Batches cut episodes anywhere, and those of several processes come in any order.
     Only whole episodes are counted: not those that were cut short so that not all
     environments end together, nor those that a lost engine ended.
-
-    Args:
-        num_envs: environments over all processes.
-        world: says how long an episode is, and whether coverage is known.
-        reward: names what is summed over an episode, and what is read at its end.
-
-    Shape notation:
-        E: environments of a batch.  T: decisions of a rollout.
+    The reward method names what is summed over an episode, and what is read at its end.
+    ``num_envs`` counts the environments of all processes.
     """
 
     saved = ("rows", "decisions")

@@ -1,4 +1,4 @@
-"""The processes that explore, and how they get their weights."""
+"""The explorer, its environments, and the processes in which it explores."""
 
 from collections.abc import Collection, Sequence
 from functools import partial
@@ -6,16 +6,20 @@ from typing import Any
 
 import torch
 from tensordict import NestedKey
+from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torchrl.collectors import BaseCollector, Collector, MultiSyncCollector
-from torchrl.envs import EnvBase
-from torchrl.envs.transforms import ExcludeTransform
+from torchrl.envs import Compose, EnvBase, InitTracker, StepCounter, TransformedEnv
+from torchrl.envs.transforms import ExcludeTransform, Transform
 from torchrl.weight_update import NoWeightSyncScheme
 
 from toponav.builders import (
     NETWORKS,
     POLICY,
     Consumer,
+    Networks,
+    Novelty,
+    RewardMethod,
     World,
     keep_freed_memory,
     make_empty_novelty,
@@ -25,12 +29,49 @@ from toponav.collectors import (
     Mailbox,
     MailboxCollector,
     PatientAsyncCollector,
+    StaggeredEpisodes,
     Subscription,
 )
 from toponav.config import ExploreConfig
 from toponav.keys import PIXELS
 from toponav.methods import LEARNERS, make_reward
-from toponav.training.explorer import Explorer, make_explore_env, make_explorer
+from toponav.transforms import (
+    AreaDownsample,
+    Coverage,
+    EmbedViews,
+    NoisyTV,
+    PolicyPixels,
+    PreviousAction,
+    PreviousReward,
+)
+
+#: Levels of coverage whose decisions are recorded.
+COVERAGE_LEVELS = (0.5, 0.9, 1.0)
+
+
+class Explorer:
+    """A policy, its reward method, and the TC-network if the run has one.
+
+    A reward method with a TC-network of its own shares that.
+    """
+
+    def __init__(
+        self,
+        policy: TensorDictModuleBase,
+        reward: RewardMethod,
+        networks: Networks | None,
+    ) -> None:
+        self.policy = policy
+        self.reward = reward
+        #: Embeds views, for the policy and the map.
+        self.novelty = reward.novelty
+        if self.novelty is None and networks is not None:
+            self.novelty = Novelty(networks.tc)
+
+    def modules(self) -> dict[str, nn.Module]:
+        """All that collecting processes fetch, by the name it is published under."""
+        networks = {} if self.novelty is None else {NETWORKS: self.novelty}
+        return {POLICY: self.policy, **networks, **self.reward.modules()}
 
 
 def publish(
@@ -46,6 +87,52 @@ def publish(
     for one in consumers:
         one.refresh(versions)
     return versions
+
+
+def make_explore_env(
+    settings: ExploreConfig,
+    world: World,
+    explorer: Explorer,
+    *,
+    envs: int,
+    seed: int,
+    stagger: bool = False,
+) -> EnvBase:
+    """A batch of environments with everything that the explorer and its log read.
+
+    Ground truth (coverage, spurious waypoints, poses) is there for the log alone; no
+    network reads a privileged key. The explorer's networks must be in ``eval()`` mode.
+    ``stagger`` cuts the first episodes at different lengths.
+
+    Raises:
+        SettingsError: if the settings do not fit the world.
+        EngineError: if the engine cannot start.
+    """
+    env = world.make_env(batch_size=envs, seed=seed, privileged=world.spec.has_truth)
+    reward, novelty = explorer.reward, explorer.novelty
+    transforms: list[Transform] = []
+    # The views: with noise if it is wanted, the policy's copy, the networks' copy.
+    if settings.collect.noisy_tv:
+        transforms.append(NoisyTV(seed=seed))
+    if settings.policy.input == "pixels":
+        transforms.append(PolicyPixels(size=(settings.policy.view_size,) * 2))
+    if novelty is not None:
+        transforms.append(AreaDownsample(factor=2 if settings.model.halve else 1))
+        if not reward.embeds:
+            transforms.append(EmbedViews(novelty.tc.embed))
+    transforms += reward.make_transforms(num_envs=envs, seed=seed)
+    transforms.append(PreviousAction(world.spec.num_actions))
+    if (layout := world.layout) is not None:
+        slots = list(layout.slots.values())
+        mask = torch.as_tensor(layout.open_mask)
+        transforms.append(Coverage(mask, COVERAGE_LEVELS, slot_cells=slots))
+    transforms.append(PreviousReward(in_keys=[reward.reward_key]))
+    if stagger:
+        transforms.append(StaggeredEpisodes(world.episode_length))
+    transforms += [InitTracker(), StepCounter()]
+    if hasattr(explorer.policy, "make_tensordict_primer"):
+        transforms.append(explorer.policy.make_tensordict_primer())
+    return TransformedEnv(env, Compose(*transforms))
 
 
 def make_explore_collector(
@@ -72,24 +159,24 @@ def make_explore_collector(
         CollectionError: if a process dies or hangs while it starts.
     """
     collect = settings.collect
+    make_collector = partial(
+        make_worker_collector,
+        settings=settings,
+        world=world,
+        mailbox=mailbox,
+        keep=keep,
+        decisions=decisions,
+    )
+    policy = partial(LEARNERS[settings.loss.name].make_policy, settings, world)
     arguments: dict[str, Any] = {
         "create_env_fn": [make_worker_env] * collect.workers,
-        "policy_factory": partial(
-            LEARNERS[settings.loss.name].make_policy, settings, world
-        ),
+        "policy_factory": policy,
         "total_frames": -1,
         "use_buffers": True,
         "num_threads": torch.get_num_threads(),
         "weight_sync_schemes": {POLICY: NoWeightSyncScheme()},
         "auto_register_policy_transforms": False,
-        "collector_class": partial(
-            make_worker_collector,
-            settings=settings,
-            world=world,
-            mailbox=mailbox,
-            keep=keep,
-            decisions=decisions,
-        ),
+        "collector_class": make_collector,
     }
     frames = collect.envs * settings.loss.rollout
     if collect.mode == "sync":
@@ -126,7 +213,7 @@ def make_worker_collector(
     seed = seed_of(settings.seed, decisions, worker_idx)
     torch.manual_seed(seed)
     policy = LEARNERS[settings.loss.name].make_policy(settings, world)
-    explorer = make_explorer(policy, make_reward(settings, world, None), None)
+    explorer = Explorer(policy, make_reward(settings, world, None), None)
     if explorer.novelty is None and NETWORKS in mailbox.names:
         explorer.novelty = make_empty_novelty(settings.model, world.spec)
     for name, module in explorer.modules().items():

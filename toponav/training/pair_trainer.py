@@ -140,15 +140,10 @@ def make_pair_trainer(
     seed: int,
     **arguments: Any,
 ) -> PairTrainer:
-    """A `PairTrainer` of both networks, from the frames in a storage.
+    """A `PairTrainer` of both networks as one, from the frames in a storage.
 
-    Args:
-        networks: trained as one.
-        pairs: which pairs: of embeddings if they are mined, else of views.
-        config: weight decay, and the weight of the L-network's loss beside the other.
-        storage: of the frames.
-        seed: of the pairs.
-        arguments: the others of `PairTrainer`.
+    The pairs are of embeddings if they are mined, else of views. ``config`` gives the
+    weight of the L-network's loss beside the other, ``arguments`` are `PairTrainer`'s.
     """
     tc, locomotion = networks.tc, networks.locomotion
     generator = torch.Generator().manual_seed(seed)
@@ -192,23 +187,17 @@ def make_l_loss(network: nn.Module) -> LLoss:
 
 
 def require_finite(
-    figures: Mapping[str, float],
-    update: int,
-    folder: Path,
-    *,
-    setting: str = "train.lr",
+    figures: Mapping[str, float], update: int, folder: Path, *, setting: str
 ) -> None:
     """Stop a training whose measurements are not finite; fits as a `Check`.
 
-    The message names the run folder and the setting of the learning rate.
-
     Raises:
-        TrainingError: names the measurement.
+        TrainingError: names the measurement, the run folder and the learning rate.
     """
     for name, figure in figures.items():
         if not math.isfinite(figure):
             raise TrainingError(
                 f"{name} must be finite, got {figure:g} in update {update}; the last "
-                f"good state is {folder / CHECKPOINT_FILE}, "
-                f"a smaller {setting} may help"
+                f"good state is {folder / CHECKPOINT_FILE}, a smaller {setting} may "
+                "help"
             )

@@ -38,7 +38,7 @@ def make_pretrainer(
         lr=partial(learning_rate, config.train),
         max_grad_norm=config.train.max_grad_norm,
         autocast=autocast,
-        check=partial(require_finite, folder=folder),
+        check=partial(require_finite, folder=folder, setting="train.lr"),
     )
 
 
@@ -65,13 +65,9 @@ def decisions_due(config: PretrainConfig, update: int) -> int:
 
 
 class Validation:
-    """Measures networks on the same held-out pairs every time.
+    """Measures networks on the same held-out pairs of each world every time.
 
-    Args:
-        networks: to be measured.
-        config: says which pairs, and how many.
-        held_out: the episodes, one entry a world.
-        autocast: the precision to embed in; comparisons are made in float32.
+    ``autocast`` is the precision to embed in; comparisons are made in float32.
     """
 
     def __init__(

@@ -29,10 +29,8 @@ class A3CLearner(ActorCriticLearner):
         return A3CLoss(self.policy)
 
     def make_optimizer(self) -> torch.optim.Optimizer:
-        config = self.config
-        return SharedRMSProp(
-            self.policy.parameters(), lr=config.lr, decay=config.decay, eps=config.eps
-        )
+        config, weights = self.config, self.policy.parameters()
+        return SharedRMSProp(weights, lr=config.lr, decay=config.decay, eps=config.eps)
 
     def minibatches(self, batch: TensorDictBase) -> Iterable[TensorDictBase]:
         return [batch]

@@ -12,23 +12,9 @@ from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 from torchrl.objectives import LossModule, ValueEstimators
 
+from toponav import keys
 from toponav.builders import Learner, World
-from toponav.config import (
-    ExploreConfig,
-    LearnerConfig,
-    at_least,
-    between,
-    require,
-)
-from toponav.keys import (
-    ACTION,
-    ACTION_LOG_PROB,
-    DONE,
-    IS_INIT,
-    SCALED_REWARD,
-    STATE_VALUE,
-    TERMINATED,
-)
+from toponav.config import ExploreConfig, LearnerConfig, at_least, between, require
 from toponav.modules import ActorCritic
 from toponav.objectives import ReturnScale
 
@@ -49,11 +35,8 @@ class ActorCriticConfig(LearnerConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(
-            self.gamma < 1 or not self.normalize_returns,
-            "loss.gamma must be below 1 with loss.normalize_returns",
-            f"{self.gamma:g}",
-        )
+        rule = "loss.gamma must be below 1 with loss.normalize_returns"
+        require(self.gamma < 1 or not self.normalize_returns, rule, f"{self.gamma:g}")
 
 
 def linear_decay(share: float, progress: float) -> float:
@@ -88,16 +71,12 @@ class ActorCriticLearner(Learner):
             ValueEstimators.GAE, gamma=config.gamma, lmbda=config.lmbda
         )
         self.loss.critic_coeff.fill_(config.critic_coeff)
-        self.loss.set_keys(reward=SCALED_REWARD)
+        self.loss.set_keys(reward=keys.SCALED_REWARD)
         self.optimizer = self.make_optimizer()
         seen = self.policy.in_keys
-        later = [
-            *(key for key in seen if key != IS_INIT),
-            DONE,
-            TERMINATED,
-            self.reward,
-        ]
-        now = [*seen, ACTION, ACTION_LOG_PROB, STATE_VALUE]
+        later = [key for key in seen if key != keys.IS_INIT]
+        later += [keys.DONE, keys.TERMINATED, self.reward]
+        now = [*seen, keys.ACTION, keys.ACTION_LOG_PROB, keys.STATE_VALUE]
         self.in_keys = [*now, *(("next", key) for key in later)]
 
     @staticmethod

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDictBase
 
 from toponav.builders import World
-from toponav.config import ExploreConfig, at_least, between, require
+from toponav.config import ExploreConfig, at_least, between, require, require_multiple
 from toponav.methods.learners.actor_critic import ActorCriticConfig, ActorCriticLearner
 from toponav.objectives import RecurrentPPOLoss, SequenceMinibatches
 
@@ -24,25 +24,13 @@ class PPOConfig(ActorCriticConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        nearest = max(round(self.rollout / self.sequence), 1) * self.sequence
-        require(
-            self.rollout % self.sequence == 0,
-            f"loss.rollout must be a multiple of loss.sequence={self.sequence}",
-            f"{self.rollout} (did you mean {nearest}?)",
-        )
+        require_multiple("loss.rollout", self.rollout, "loss.sequence", self.sequence)
 
     def check(self, num_envs: int) -> None:
-        """Refuse settings that cut a batch into more minibatches than sequences.
-
-        Raises:
-            SettingsError: if a minibatch would be empty.
-        """
-        sequences = num_envs * self.rollout // self.sequence
-        require(
-            self.minibatches <= sequences,
-            f"loss.minibatches must be at most {sequences}, the sequences of a batch",
-            self.minibatches,
-        )
+        """Refuse settings that cut a batch into more minibatches than sequences."""
+        most = num_envs * self.rollout // self.sequence
+        rule = f"loss.minibatches must be at most {most}, the sequences of a batch"
+        require(self.minibatches <= most, rule, self.minibatches)
 
 
 class PPOLearner(ActorCriticLearner):

@@ -107,21 +107,17 @@ def make_navigator(
     )
 
 
-def warn_of_goals(
-    navigator: Navigator, places: GoalPlaces, cells_only: int = 3
-) -> str | None:
+def warn_of_goals(navigator: Navigator, places: GoalPlaces) -> str | None:
     """A sentence about goals whose pictures are like no waypoint, if there are any."""
     views, reach = places.views, navigator.rules.tc_reach
     embedding = navigator.embed(views.flatten(0, 1)).float()
-    _, similarity = navigator.localiser.nearest(embedding)
-    best = similarity.reshape(views.shape[:2]).max(1).values
+    _, similarities = navigator.localiser.nearest(embedding)
+    best = similarities.reshape(views.shape[:2]).max(1).values
     unlike = (best <= reach).nonzero().flatten().tolist()
     if not unlike:
         return None
-    named = ", ".join(
-        f"{tuple(places.cells[at].tolist())} ({best[at]:.2f})"
-        for at in unlike[:cells_only]
-    )
+    cells = [(tuple(places.cells[at].tolist()), best[at]) for at in unlike[:3]]
+    named = ", ".join(f"{cell} ({similarity:.2f})" for cell, similarity in cells)
     return (
         "a goal's pictures must be like a waypoint, with a similarity above "
         f"{reach:.2f}, got less for {len(unlike)} of {len(best)} cells: {named}; the "

@@ -7,6 +7,7 @@ from tensordict import NestedKey
 from torch import Tensor
 from torchrl.envs.transforms import Transform
 
+from toponav import keys
 from toponav.builders import (
     Networks,
     Novelty,
@@ -22,15 +23,6 @@ from toponav.config import (
     between,
     one_of,
     threshold_or,
-)
-from toponav.keys import (
-    COUNT_REWARD,
-    INTRINSIC_REWARD,
-    IS_NEW_WAYPOINT,
-    NETWORK_PIXELS,
-    NUM_WAYPOINTS,
-    SPURIOUS_WAYPOINT,
-    TEMPORAL_DISTANCE_REWARD,
 )
 from toponav.transforms import (
     CountReward,
@@ -78,7 +70,7 @@ class NoveltyMethod(RewardMethod):
     novelty: Novelty
     needs_networks = True
     embeds = True
-    reward_key = INTRINSIC_REWARD
+    reward_key = keys.INTRINSIC_REWARD
 
     def __init__(
         self, settings: ExploreConfig, world: World, networks: Networks | None
@@ -124,7 +116,7 @@ class NoveltyMethod(RewardMethod):
             tc.embed,
             compare,
             prepare=prepare,
-            in_keys=[NETWORK_PIXELS],
+            in_keys=[keys.NETWORK_PIXELS],
             capacity=config.capacity,
             threshold=float(self.novelty.threshold),
             persistence=config.persistence,
@@ -135,14 +127,14 @@ class NoveltyMethod(RewardMethod):
 
     def episode_sums(self) -> dict[str, NestedKey]:
         sums: dict[str, NestedKey] = {
-            "intrinsic_return": INTRINSIC_REWARD,
-            "count_return": COUNT_REWARD,
-            "temporal_distance_return": TEMPORAL_DISTANCE_REWARD,
-            "new_waypoints": IS_NEW_WAYPOINT,
+            "intrinsic_return": keys.INTRINSIC_REWARD,
+            "count_return": keys.COUNT_REWARD,
+            "temporal_distance_return": keys.TEMPORAL_DISTANCE_REWARD,
+            "new_waypoints": keys.IS_NEW_WAYPOINT,
         }
         if self.motion is not None:
-            sums["spurious_waypoints"] = SPURIOUS_WAYPOINT
+            sums["spurious_waypoints"] = keys.SPURIOUS_WAYPOINT
         return sums
 
     def episode_ends(self) -> dict[str, NestedKey]:
-        return {"waypoints": NUM_WAYPOINTS}
+        return {"waypoints": keys.NUM_WAYPOINTS}
