@@ -132,9 +132,8 @@ def _run_job(
 def folder_name(overrides: str) -> str:
     """One folder's name for the overrides of a run of a sweep, joined by commas.
 
-    It has nothing that would make folders of their own or need quotes in a shell; one
-    that would be too long ends in a digest of the whole. YAML writes it
-    ``${folder_name:${hydra.job.override_dirname}}``.
+    Nothing in it makes folders of its own or needs quotes in a shell; a long one ends
+    in a digest. YAML writes it ``${folder_name:${hydra.job.override_dirname}}``.
 
     Examples:
         >>> folder_name("maze.blocked=[a,b],init_from=/runs/select")
@@ -234,7 +233,8 @@ def _sentence(error: Exception, name: str) -> str:
         if isinstance(one, (SettingsError, *_FAILURES)):
             return str(one)
     # The innermost message first: Hydra wraps what OmegaConf says.
-    text = "\n".join(str(one) for one in reversed(errors))
+    causes = [one.__cause__ for one in reversed(errors) if one.__cause__]
+    text = "\n".join(str(one) for one in (*causes, error))
     if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
         group, given = found.groups()
         # The group of a recipe's own scales, which is chosen by this word.
