@@ -129,28 +129,22 @@ def make_frame_buffer(
     Raises:
         SettingsError: if it would be too small for a negative pair of each environment.
     """
-    collect = config.collect
-    frames = frames_that_fit(
-        collect.buffer_gb, world.view_size, halve=config.model.halve
-    )
+    collect, halve = config.collect, config.model.halve
+    frames = frames_that_fit(collect.buffer_gb, world.view_size, halve=halve)
     frames = max(frames, collect.batch)
     name = "frames in collect.buffer_gb / (workers * envs)"
     length = frames // (collect.envs * collect.workers)
     config.pairs.check_room({name: length}, config.longest_m)
-    return TensorDictReplayBuffer(
-        storage=LazyTensorStorage(frames), batch_size=collect.batch
-    )
+    storage = LazyTensorStorage(frames)
+    return TensorDictReplayBuffer(storage=storage, batch_size=collect.batch)
 
 
 class Rollout(NamedTuple):
     """Decisions of a policy."""
 
-    #: ``[E, T]`` with the keys that were asked for.
-    frames: TensorDictBase
-    #: ``[]``; all entries of the first environment after its reset.
-    start: TensorDictBase
-    #: ``[V, H, W, 3]``; the first views of the first environment.
-    views: Tensor
+    frames: TensorDictBase  # [E, T] with the keys that were asked for
+    start: TensorDictBase  # [], all entries of the first environment after its reset
+    views: Tensor  # [V, H, W, 3], the first views of the first environment
 
 
 @torch.no_grad()
@@ -208,28 +202,24 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
     Raises:
         EngineError: if the engine cannot start.
     """
-    validate, found = config.validate, []
-    total = validate.episodes * validate.decisions
+    episodes, decisions = config.validate.episodes, config.validate.decisions
+    total, found = episodes * decisions, []
     for number, world in enumerate(worlds):
         seed = _SEEDS_PER_RUN * config.seed + _FIRST_HELD_OUT_SEED + number
         env = world.make_env(
-            batch_size=validate.episodes,
+            batch_size=episodes,
             seed=seed,
             privileged=world.spec.has_truth,
-            episode_length=validate.decisions,
+            episode_length=decisions,
         )
         env = add_walk_transforms(env, halve=config.model.halve)
         policy = make_walk_policy("uniform", world.spec, seed=seed)
         # One draw that is not played: held-out episodes are the same in all versions.
-        policy(TensorDict(batch_size=[validate.episodes]))
+        policy(TensorDict(batch_size=[episodes]))
         name = f"held out {world.name}"
         with closing(env), tqdm(total=total, unit="decision", desc=name) as bar:
             rollout = collect_rollout(
-                env,
-                policy,
-                validate.decisions,
-                keep=HELD_OUT_KEYS,
-                progress=bar.update,
+                env, policy, decisions, keep=HELD_OUT_KEYS, progress=bar.update
             )
         found.append(HeldOut(rollout.frames, name=world.name))
     return found

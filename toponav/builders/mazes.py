@@ -25,9 +25,8 @@ def make_layout(config: MazeConfig) -> Layout:
         assert config.path is not None  # MazeConfig checks it
         return load_layout_file(config.path)
     if config.name == "random":
-        return make_random_layout(
-            config.rows, config.cols, seed=config.seed, loops=config.loops
-        )
+        size = config.rows, config.cols
+        return make_random_layout(*size, seed=config.seed, loops=config.loops)
     return load_maze(config.name)
 
 

@@ -39,30 +39,18 @@ _CHUNK, _MOST_PER_CELL = 900, 50
 
 @dataclass(frozen=True)
 class AgentKnowledge:
-    """What an agent may know: nothing here holds ground truth.
-
-    Args:
-        world: in which it acts.
-        networks: in ``eval()`` mode.
-        map: built while exploring.
-    """
+    """What an agent may know: nothing here holds ground truth."""
 
     world: WorldSpec
-    networks: Networks
-    map: TopologicalMap
+    networks: Networks  # in eval() mode
+    map: TopologicalMap  # built while exploring
 
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """For those who pose the task and judge the agent, never for the agent.
+    """For those who pose the task and judge the agent, never for the agent."""
 
-    Args:
-        poses: float32 ``[W, 3]``, where the map's waypoints truly are, x and y in map
-            units and heading in degrees.
-        layout: of the maze.
-        distances: in it.
-    """
-
+    #: float32 ``[W, 3]``; of the map's waypoints, x and y in map units, and degrees.
     poses: Tensor
     layout: Layout
     distances: GroundTruthDistances
@@ -135,17 +123,11 @@ def _load_poses(folder: Path, num_waypoints: int) -> Tensor:
 
 @dataclass(frozen=True)
 class GoalPlaces:
-    """The places where a goal can be: those with pictures.
+    """The places where a goal can be: those with pictures."""
 
-    Args:
-        cells: int64 ``[K, 2]``, row and column.
-        views: uint8 ``[K, V, H, W, 3]``, V pictures of each.
-        num_without: how many other places have no picture.
-    """
-
-    cells: Tensor
-    views: Tensor
-    num_without: int = 0
+    cells: Tensor  # int64 [K, 2], row and column
+    views: Tensor  # uint8 [K, V, H, W, 3], V pictures of each
+    num_without: int = 0  # how many other places have no picture
 
 
 def make_goal_places(

@@ -28,23 +28,15 @@ _HEADER = {"kind": "toponav networks", "version": 1}
 
 @dataclass
 class Networks:
-    """The two networks, and what a user of them must know.
-
-    Args:
-        tc: scores how close in time two views are.
-        locomotion: predicts the action from one view to another.
-        model: the settings from which they were made.
-        view_size: height and width of the views that they were made for.
-        num_actions: number of actions that they were made for.
-        thresholds: calibrated on random walks: ``tc_threshold`` and ``tc_reach`` of the
-            map, ``reward_threshold`` of the reward's memory; empty until then.
-    """
+    """The two networks, and the views and actions that they were made for."""
 
     tc: TCNetwork
     locomotion: LNetwork
     model: ModelConfig
-    view_size: tuple[int, int]
+    view_size: tuple[int, int]  # height and width
     num_actions: int
+    #: Calibrated on random walks: ``tc_threshold`` and ``tc_reach`` of the map,
+    #: ``reward_threshold`` of the reward's memory; empty until then.
     thresholds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -148,12 +140,8 @@ def load_networks(
 ) -> Networks:
     """Read networks that `save_networks` wrote, in ``eval()`` mode.
 
-    Args:
-        path: the file, or the run folder that holds it.
-        setting: the setting that named it, for the errors.
-        model: that the networks must be of, if any.
-        world: that they must be made for, if any.
-        device: where the networks go.
+    ``path`` is the file or the run folder that holds it, ``setting`` what named it. If
+    ``model`` or ``world`` is given, the networks must be of and for that.
 
     Raises:
         SettingsError: if the file is not usable, or is of another model or world.
@@ -199,12 +187,8 @@ def require_same_model(given: ModelConfig, wanted: ModelConfig, setting: str) ->
 class Novelty(nn.Module):
     """A TC-network and the similarity at which a view counts as known.
 
-    They travel together. Networks that continue training keep the threshold that was
-    calibrated before exploring.
-
-    Args:
-        tc: the network; shared, not copied.
-        threshold: in [0, 1).
+    They travel together. Networks that continue training, which are shared and not
+    copied, keep the threshold that was calibrated before exploring.
     """
 
     threshold: Tensor
@@ -212,9 +196,7 @@ class Novelty(nn.Module):
     def __init__(self, tc: TCNetwork, threshold: float = 0.5) -> None:
         super().__init__()
         self.tc = tc
-        self.register_buffer(
-            "threshold", torch.tensor(threshold, dtype=torch.float64), persistent=True
-        )
+        self.register_buffer("threshold", torch.tensor(threshold, dtype=torch.float64))
 
 
 def make_empty_novelty(model: ModelConfig, world: WorldSpec) -> Novelty:

@@ -135,26 +135,19 @@ def pretraining_maze(config: ExploreConfig) -> MazeConfig:
 def pretraining_overrides(config: ExploreConfig) -> list[str]:
     """The command line of the pre-training: all that its result depends on."""
     maze, world = pretraining_maze(config), config.world
-    groups: dict[str, Settings] = {"model": config.model, "pairs": config.pairs}
-    choice, other = f"world={world.name}", list[str]()
+    groups: list[Settings] = [config.model, config.pairs, world]
+    choices = [f"world={world.name}", f"scale={config.pretraining.scale}"]
     if world.name == "maze":
-        groups = {"maze": maze, **groups}
-        choice, other = f"maze={maze.name}", [f"engine={config.engine}"]
-    else:
-        groups["world"] = world
+        groups = [maze, config.model, config.pairs]
+        choices[0] = f"maze={maze.name}"
+        choices.append(f"engine={config.engine}")
     values = [
-        f"{group}.{name}={_in_hydra(value)}"
-        for group, settings in groups.items()
+        f"{settings.group}.{name}={_in_hydra(value)}"
+        for settings in groups
         for name, value in asdict(settings).items()
     ]
-    return [
-        choice,
-        f"scale={config.pretraining.scale}",
-        *other,
-        *values,
-        f"seed={config.pretraining.seed}",
-        *config.pretraining.overrides,
-    ]
+    seed = f"seed={config.pretraining.seed}"
+    return [*choices, *values, seed, *config.pretraining.overrides]
 
 
 def _in_hydra(value: object) -> str:

@@ -71,12 +71,9 @@ def keep_freed_memory() -> bool:
     """Let this process keep memory that it has freed, instead of returning it at once.
 
     Every update allocates and frees the same tens of megabytes, and by default the
-    system clears and maps each page again: 72,000 page faults and 30 % of the time of
-    an update of the small networks, 450 faults and under 1 % after this call. Blocks of
-    256 MiB and more still go back, and so does a free gigabyte at the end of the heap.
-
-    Returns:
-        Whether the C library took the setting; glibc does, others need not.
+    system clears and maps each page again: 30 % of the time of an update of the small
+    networks. Blocks of 256 MiB and more still go back, and so does a free gigabyte at
+    the end of the heap. Returns whether the C library took the setting, as glibc does.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt

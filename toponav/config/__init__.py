@@ -24,10 +24,8 @@ from toponav.config.checks import (
 from toponav.config.explore import (
     ExploreCollectConfig as ExploreCollectConfig,
     ExploreConfig as ExploreConfig,
-    LocomotionConfig as LocomotionConfig,
     MapConfig as MapConfig,
     OnlineConfig as OnlineConfig,
-    PolicyConfig as PolicyConfig,
 )
 from toponav.config.groups import (
     LearnerConfig as LearnerConfig,

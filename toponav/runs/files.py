@@ -65,12 +65,8 @@ def reading_checkpoint(
 ) -> Iterator[dict[str, Any]]:
     """What `save_atomically` wrote, to make something of it in the ``with`` block.
 
-    Args:
-        path: the file.
-        setting: the setting that named it, for the errors.
-        header: its ``kind`` and ``version``.
-        noun: what it holds, for the errors.
-        device: where its tensors go.
+    The errors name the ``setting`` that named the file and, by a ``noun``, what it
+    holds; ``header`` has its ``kind`` and ``version``.
 
     Raises:
         SettingsError: if the file is missing, damaged or of another kind or version, or

@@ -27,10 +27,9 @@ class BestPolicy(Consumer):
 
     Args:
         policy: as it is trained.
-        log: of finished episodes; it must come before in the list of consumers.
+        log: of finished episodes; it takes each batch before.
         state: of the run; says which version of the networks collectors use now.
-        metric: the column of the log that counts.
-        window: episodes to take the mean of; fewer are not enough.
+        metric: the column of the log that counts, in the mean of ``window`` episodes.
     """
 
     saved = ("best", "best_version", "best_decisions", "weights")

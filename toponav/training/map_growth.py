@@ -114,10 +114,8 @@ class MapGrowth(Consumer):
 
     def write(self, folder: Path) -> None:
         """Write the map, its poses, a row of ``map.csv`` and ``topology.png``."""
-        row: Row = {
-            "decisions": self.decisions,
-            "networks_version": self.map.network_version,
-        }
+        version = self.map.network_version
+        row: Row = {"decisions": self.decisions, "networks_version": version}
         if self.truth is None:
             row |= count_components(self.map)
         else:

@@ -31,8 +31,7 @@ class PairTrainer:
         draw_pairs: draws the pairs of one update, an entry for each loss, in order.
         generator: of the random numbers of ``draw_pairs``; part of the state.
         lr: learning rate, or the learning rate after so many updates.
-        weight_decay: decoupled weight decay.
-        max_grad_norm: largest norm of the gradient; a longer one is scaled down.
+        weight_decay, max_grad_norm: of AdamW, and of the gradient at most.
         autocast: the precision of embeddings and losses.
         check: called before the parameters change.
 

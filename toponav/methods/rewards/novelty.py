@@ -87,9 +87,8 @@ class NoveltyMethod(RewardMethod):
             self.novelty = Novelty(networks.tc, threshold)
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
-        config = self.config
-        combine: Any
-        (alpha, beta), combine = config.weights, config.combine
+        config, (alpha, beta) = self.config, self.config.weights
+        combine: Any = config.combine
         transforms: list[Transform] = [
             self.make_memory(),
             CountReward(alpha, combine=combine),
