@@ -210,8 +210,8 @@ class MinedPairs:
         )
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
-        frames = self.buffer.sample().flatten()
-        views = frames.pop(keys.NETWORK_PIXELS).to(self.device)
+        frames = self.buffer.sample().flatten().to(self.device)
+        views = frames.pop(keys.NETWORK_PIXELS)
         frames.set(keys.EMBEDDING, self.embed_tc(views))
         pairs = self.tc_pairs.mine(frames, generator=self.generator)
         tc_pairs = [

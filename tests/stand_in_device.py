@@ -1,0 +1,164 @@
+"""A device that is not the processor, on machines that have none.
+
+    python tests/stand_in_device.py recipes/pretrain.py device=cpu:1 scale=smoke
+
+runs a script in which ``cpu:1`` is a device of its own, as far as a script can tell: a
+tensor made there or moved there says so, and an operation on tensors of two devices is
+refused wherever a GPU would refuse it. It computes on the processor. Other processes
+that the script starts know no such device, as they know no GPU here.
+"""
+
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves, tree_map
+
+NAME = "cpu:1"
+DEVICE = torch.device(NAME)
+#: Operations that may see two devices: copies from one to the other.
+_COPIES = {"aten._to_copy", "aten.copy_", "aten._copy_from"}
+#: Operations whose indices may lie on the processor, the others on the device.
+_INDEXING = {
+    "aten.index",
+    "aten.index_put",
+    "aten.index_put_",
+    "aten._index_put_impl_",
+    "aten._unsafe_index_put",
+}
+
+
+class DeviceTensor(Tensor):
+    """A tensor on the stand-in device; ``held`` has its numbers."""
+
+    held: Tensor
+
+    @staticmethod
+    def __new__(cls, held: Tensor) -> "DeviceTensor":
+        tensor = Tensor._make_wrapper_subclass(
+            cls,
+            held.size(),
+            strides=held.stride(),
+            storage_offset=held.storage_offset(),
+            dtype=held.dtype,
+            device=DEVICE,
+        )
+        tensor.held = held
+        return tensor
+
+    def __repr__(self) -> str:  # type: ignore[override]
+        return f"{self.held!r} on {NAME}"
+
+    def tolist(self):
+        return self.held.tolist()
+
+    def numpy(self, *, force: bool = False):
+        if not force:
+            raise TypeError(f"a tensor on {NAME} has no numpy(); copy it by cpu()")
+        return self.held.numpy(force=True)
+
+    def __array__(self, dtype=None):
+        return self.numpy()
+
+    def __reduce_ex__(self, protocol):
+        # To a file, or to another process: all that is read here is read to the
+        # processor, which is where the other process has it.
+        kept = self.held.detach().requires_grad_(self.requires_grad)
+        return kept.__reduce_ex__(protocol)
+
+    @classmethod
+    def __torch_dispatch__(cls, func, types, args=(), kwargs=None):
+        return _run(func, args, kwargs or {})
+
+
+class StandInDevice(TorchDispatchMode):
+    """While it is entered, ``cpu:1`` is a device of its own."""
+
+    def __enter__(self):
+        self._apply = apply = nn.Module._apply
+
+        def swapping_apply(module: nn.Module, *args: Any) -> nn.Module:
+            # A parameter of another class cannot be set into the old one's place.
+            torch.__future__.set_swap_module_params_on_conversion(True)
+            try:
+                return apply(module, *args)
+            finally:
+                torch.__future__.set_swap_module_params_on_conversion(False)
+
+        nn.Module._apply = swapping_apply  # type: ignore[method-assign]
+        return super().__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        nn.Module._apply = self._apply  # type: ignore[method-assign]
+        super().__exit__(*error)
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        return _run(func, args, kwargs or {})
+
+
+def _run(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    """Compute on the processor; the result lies where it would lie on a GPU."""
+    name = str(func).rpartition(".")[0]
+    leaves = tree_leaves((args, kwargs))
+    there = [leaf for leaf in leaves if isinstance(leaf, DeviceTensor)]
+    asked: torch.device | None = kwargs.get("device")
+    _refuse_mixtures(name, args, kwargs, bool(there))
+    held = {"device": torch.device("cpu")} if asked is not None else {}
+    plain_args, plain_kwargs = tree_map(_held, (args, kwargs))
+    result = func(*plain_args, **plain_kwargs | held)
+    if func._schema.is_mutable and not func._schema.returns:
+        return result
+    # What is changed in place stays the same object.
+    changed = {
+        id(_held(one)): one for one in leaves if isinstance(one, Tensor)
+    } if func._schema.is_mutable else {}
+    moves = bool(there) if asked is None else asked == DEVICE and asked.index == 1
+
+    def put(one: Any) -> Any:
+        if not isinstance(one, Tensor):
+            return one
+        if id(one) in changed:
+            return changed[id(one)]
+        return DeviceTensor(one) if moves else one
+
+    return tree_map(put, result)
+
+
+def _held(one: Any) -> Any:
+    return one.held if isinstance(one, DeviceTensor) else one
+
+
+def _refuse_mixtures(
+    name: str, args: tuple[Any, ...], kwargs: dict[str, Any], is_there: bool
+) -> None:
+    """Raise RuntimeError where a GPU would, for tensors of two devices."""
+    if name in _COPIES:
+        return
+    if name in _INDEXING:
+        indices = [one for one in args[1] if one is not None]
+        if not isinstance(args[0], DeviceTensor):
+            _require(name, indices, there=False)
+        args, kwargs = (args[0], *args[2:]), {}
+    tensors = [one for one in tree_leaves((args, kwargs)) if isinstance(one, Tensor)]
+    # A number from the processor, of no dimension, may go with tensors of a device.
+    if is_there and any(isinstance(one, DeviceTensor) for one in tensors):
+        _require(name, [one for one in tensors if one.dim() > 0], there=True)
+
+
+def _require(name: str, tensors: list[Tensor], *, there: bool) -> None:
+    if any(isinstance(one, DeviceTensor) != there for one in tensors):
+        shapes = [(list(one.shape), str(one.device)) for one in tensors]
+        raise RuntimeError(
+            f"all tensors must be on the same device for {name}, got {shapes}"
+        )
+
+
+if __name__ == "__main__":
+    del sys.argv[0]
+    sys.path[0] = str(Path(sys.argv[0]).parent)
+    with StandInDevice():
+        runpy.run_path(sys.argv[0], run_name="__main__")
