@@ -113,9 +113,11 @@ def _run(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     if func._schema.is_mutable and not func._schema.returns:
         return result
     # What is changed in place stays the same object.
-    changed = {
-        id(_held(one)): one for one in leaves if isinstance(one, Tensor)
-    } if func._schema.is_mutable else {}
+    changed = (
+        {id(_held(one)): one for one in leaves if isinstance(one, Tensor)}
+        if func._schema.is_mutable
+        else {}
+    )
     moves = bool(there) if asked is None else asked == DEVICE and asked.index == 1
 
     def put(one: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The stand-in device refuses what a GPU refuses, and computes what the processor does."""
+"""The stand-in device refuses what a GPU refuses, and computes as the processor."""
 
 import pytest
 import torch

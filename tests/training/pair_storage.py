@@ -52,7 +52,8 @@ def make_trainer(
 ) -> tuple[Networks, PairTrainer]:
     torch.manual_seed(seed)
     shared = bool(arguments.pop("share_encoder", True))
-    networks = make_networks(tiny_model(share_encoder=shared), WORLD)
+    device = str(arguments.pop("device", "cpu"))
+    networks = make_networks(tiny_model(share_encoder=shared), WORLD, device=device)
     storage = LazyTensorStorage(90)
     storage.set(slice(0, 90), make_walks().flatten())
     config = OnlineConfig(

@@ -23,6 +23,7 @@ from toponav.builders import (
     Networks,
     frames_that_fit,
     make_autocast,
+    make_device,
 )
 from toponav.config import ExploreConfig
 from toponav.data import EpisodeSampler, LPairs, SplitPairs
@@ -39,7 +40,8 @@ class ContinuedTraining(Consumer):
     """Trains the networks, in place, from the views of an exploration's batches.
 
     They are in ``train()`` mode during an update only. The settings' ``online`` says
-    when and how fast to learn, ``pairs`` from what.
+    when and how fast to learn, ``pairs`` from what, ``device`` where. On another device
+    than theirs a copy learns, and they get its weights when a new version is due.
     """
 
     in_keys = FRAME_KEYS
@@ -53,14 +55,16 @@ class ContinuedTraining(Consumer):
         )
         storage = LazyTensorStorage(max(num_frames, config.ahead))
         self.buffer = TensorDictReplayBuffer(storage=storage)
+        self.networks = networks
+        trained = _on_device(settings, networks)
         self.trainer = make_pair_trainer(
-            networks,
+            trained,
             settings.pairs,
             config,
             storage,
             seed=settings.seed,
             lr=config.lr,
-            autocast=make_autocast(networks.device, bf16=True),
+            autocast=make_autocast(trained.device, bf16=True),
             check=check,
         )
         self._since_update = self._since_version = 0
@@ -89,7 +93,11 @@ class ContinuedTraining(Consumer):
         if not ready or self._since_version < self.config.publish_every:
             return ()
         self._since_version = 0
+        self._copy_back()
         return (NETWORKS,)
+
+    def finish(self, folder: Path) -> None:
+        self._copy_back()
 
     def state_dict(self) -> dict[str, Any]:
         """That of the trainer; views are collected again."""
@@ -97,6 +105,10 @@ class ContinuedTraining(Consumer):
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self.trainer.load_state_dict(state)
+        self._copy_back()
+
+    def _copy_back(self) -> None:
+        self.networks.modules.load_state_dict(self.trainer.network.state_dict())
 
 
 class LocomotionFinetuner(Consumer):
@@ -115,6 +127,7 @@ class LocomotionFinetuner(Consumer):
         if networks.locomotion.encoder is not networks.tc.encoder:
             raise ValueError("networks must share one encoder, got two.")
         self.config = config = settings.locomotion
+        self.settings, self.networks = settings, networks
         self.head = networks.locomotion.head
         self.check = check
         self.generator = torch.Generator().manual_seed(settings.seed)
@@ -141,9 +154,10 @@ class LocomotionFinetuner(Consumer):
     def finish(self, folder: Path) -> None:
         """Train the head; loss and accuracy go into ``locomotion.csv``."""
         config = self.config
+        head = _on_device(self.settings, self.networks).locomotion.head
         trainer = PairTrainer(
-            self.head,
-            {"l": (make_l_loss(self.head), 1.0)},
+            head,
+            {"l": (make_l_loss(head), 1.0)},
             self._draw_pairs,
             generator=self.generator,
             lr=config.lr,
@@ -167,10 +181,11 @@ class LocomotionFinetuner(Consumer):
                 rows.append({"update": update, "loss": loss, "accuracy": accuracy})
                 bar.set_postfix(loss=f"{loss:.2f}", accuracy=f"{accuracy:.1%}")
                 sums.zero_()
+        self.head.load_state_dict(head.state_dict())
         write_history(folder / "locomotion.csv", rows)
 
     def _draw_pairs(self) -> list[TensorDictBase]:
-        pairs = self.buffer.sample()
+        pairs = self.buffer.sample().to(make_device(self.settings.device))
         for key in (ANCHOR, OTHER):
             pairs[key] = pairs[key].float()
         return [pairs]
@@ -192,3 +207,13 @@ class LocomotionFinetuner(Consumer):
         if len(self.buffer):
             kept = self.buffer.storage[:][TRAJECTORY]
             self._first_episode = int(kept.max()) + 1
+
+
+def _on_device(settings: ExploreConfig, networks: Networks) -> Networks:
+    """The same networks, or a copy of them if ``device`` is another one."""
+    device = make_device(settings.device)
+    if networks.device == device:
+        return networks
+    copied = copy.deepcopy(networks)
+    copied.modules.to(device)
+    return copied

@@ -1,0 +1,172 @@
+"""What a run with ``device=cuda`` does, on a stand-in device and on a GPU.
+
+On the stand-in device operations on tensors of two devices are refused, as on a GPU.
+"""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import nn
+
+from tests.exploring import explore_settings, make_batch, world_of
+from tests.models import tiny_model
+from tests.stand_in_device import NAME, StandInDevice
+from tests.training.pair_storage import WORLD, make_trainer, make_walks, pair_settings
+from tests.training.test_continued_training import CONFIG
+from tests.training.test_locomotion import SETTINGS, walks
+from toponav.builders import make_networks
+from toponav.methods import LEARNERS
+from toponav.training import ContinuedTraining, LocomotionFinetuner
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(
+    params=[
+        NAME,
+        pytest.param(
+            "cuda",
+            marks=[
+                pytest.mark.gpu,
+                pytest.mark.skipif(
+                    not torch.cuda.is_available(), reason="needs a CUDA device"
+                ),
+            ],
+        ),
+    ]
+)
+def device(request: pytest.FixtureRequest) -> Iterator[str]:
+    """The name of a device that is not the processor."""
+    if request.param == NAME:
+        with StandInDevice():
+            yield NAME
+    else:
+        yield request.param
+
+
+def same(one: nn.Module, other: nn.Module) -> bool:
+    others = other.state_dict()
+    return all(
+        torch.equal(tensor.cpu(), others[name].cpu())
+        for name, tensor in one.state_dict().items()
+    )
+
+
+@pytest.mark.parametrize("share_encoder", [True, False])
+@pytest.mark.parametrize("mined", [True, False])
+def test_pairs_train_networks_there(
+    device: str, mined: bool, share_encoder: bool
+) -> None:
+    networks, trainer = make_trainer(
+        mined=mined, share_encoder=share_encoder, device=device
+    )
+    measured = trainer.step()
+    _, here = make_trainer(mined=mined, share_encoder=share_encoder)
+    assert measured == pytest.approx(here.step(), rel=1e-3)
+    assert str(networks.device).startswith(device)
+
+
+def test_a_trainer_continues_there(device: str) -> None:
+    (_, one), (_, other) = make_trainer(device=device), make_trainer(device=device)
+    one.step()
+    other.load_state_dict(one.state_dict())
+    assert other.step() == pytest.approx(one.step(), rel=1e-3)
+
+
+def test_continued_training_hands_weights_over_when_a_version_is_due(
+    device: str,
+) -> None:
+    torch.manual_seed(0)
+    networks = make_networks(tiny_model(), WORLD)
+    settings = replace(
+        explore_settings(f"device={device}"), online=CONFIG, pairs=pair_settings()
+    )
+    training = ContinuedTraining(settings, networks, lambda figures, update: None)
+    # 60 decisions a batch; a version is due after 150.
+    for number in range(3):
+        before = {name: one.clone() for name, one in networks.tc.state_dict().items()}
+        training.extend(make_walks(episodes=2, first=2 * number))
+        due = bool(training.updated())
+        changed = any(
+            not torch.equal(one, before[name])
+            for name, one in networks.tc.state_dict().items()
+        )
+        assert due == changed == (number == 2)
+    assert str(networks.device) == "cpu"
+    assert str(next(training.trainer.network.parameters()).device).startswith(device)
+    assert same(training.trainer.network, networks.modules)
+
+
+@pytest.mark.parametrize("loss", ["ppo", "a3c"])
+def test_learners_learn_there(device: str, loss: str) -> None:
+    settings = explore_settings(f"device={device}", f"loss={loss}")
+    learner = LEARNERS[loss](
+        settings,
+        world_of(settings),
+        reward="intrinsic_reward",
+        check=lambda figures, update: None,
+        progress=lambda: 0.5,
+    )
+    measured = learner.extend(make_batch(settings))
+    assert all(value == value for value in measured.values())
+    assert str(next(learner.policy.parameters()).device).startswith(device)
+
+
+def test_the_head_of_the_l_network_is_trained_there(
+    device: str, tmp_path: Path
+) -> None:
+    torch.manual_seed(0)
+    settings = explore_settings(f"device={device}", *SETTINGS, "locomotion.updates=3")
+    networks = make_networks(settings.model, world_of(settings).spec)
+    finetuner = LocomotionFinetuner(settings, networks, lambda figures, update: None)
+    before = [one.clone() for one in networks.locomotion.head.parameters()]
+    finetuner.extend(walks())
+    finetuner.finish(tmp_path)
+    after = list(networks.locomotion.head.parameters())
+    assert not any(map(torch.equal, before, after))
+    assert all(str(one.device) == "cpu" for one in after)
+
+
+@pytest.mark.slow
+def test_recipes_run_there(tmp_path: Path) -> None:
+    """Pre-training, exploring with all that trains, and a resume of it."""
+
+    def run(name: str, *overrides: str) -> None:
+        done = subprocess.run(
+            [
+                sys.executable,
+                str(ROOT / "tests" / "stand_in_device.py"),
+                str(ROOT / "recipes" / f"{name}.py"),
+                *overrides,
+            ],
+            capture_output=True,
+            text=True,
+            timeout=280,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+
+    small = ("scale=smoke", f"device={NAME}", "model.embedding_dim=8")
+    networks, folder = tmp_path / "networks", tmp_path / "run"
+    validate = ("validate.decisions=90", "validate.every=2")
+    updates = ("train.updates=2", "train.warmup=1")
+    run("pretrain", *small, *updates, *validate, f"hydra.run.dir={networks}")
+    run(
+        "explore",
+        *small,
+        f"pretrained={networks}",
+        "policy.hidden=16",
+        "policy.input=pixels",
+        "loss=a3c",
+        "online.learn=true",
+        "online.ahead=256",
+        "online.every=256",
+        "online.publish_every=256",
+        f"hydra.run.dir={folder}",
+    )
+    run("explore", f"resume={folder}")
