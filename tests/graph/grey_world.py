@@ -58,6 +58,7 @@ class PlainMap:
             "tc_reach": 0.75,
             "edges": "both",
             "extend_by": "itself",
+            "edge_steps": 1,
         } | rules
         self.window, self.search_window = window, search_window
         self.hysteresis = hysteresis
@@ -71,20 +72,18 @@ class PlainMap:
 
     def add(self, greys):
         place, places = None, []
-        is_first = not self.episodes
+        edges, is_first = self.rules["edges"], not self.episodes
+        # Eq. 10 with its k, or eq. 12 and the step from one view to the next.
+        extends = edges != "time" and self.rules["extend_by"] == "previous"
+        steps = 1 if extends and not is_first else self.rules["edge_steps"]
         for at in range(len(greys)):
             found = self.find(greys, at, place)
             if found is None:
                 found = self.add_waypoint(greys, at, is_first)
-                by_time = self.rules["edges"] != "reach"
-                if place is not None and (
-                    by_time or self.edge(place, found) in self.seen
-                ):
-                    self.traverse(place, found)
-            elif place not in (None, found):
-                by_time = self.rules["edges"] != "reach"
-                if by_time or self.edge(place, found) in self.seen:
-                    self.traverse(place, found)
+            if found != place:
+                for before in set(places[-steps:]) - {found}:
+                    if edges != "reach" or self.edge(before, found) in self.seen:
+                        self.traverse(before, found)
             place = found
             places.append(found)
         self.episodes += 1

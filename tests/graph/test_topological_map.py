@@ -1,6 +1,6 @@
 """`TopologicalMap`: what becomes a waypoint, and what an edge."""
 
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import pytest
 import torch
@@ -21,6 +21,7 @@ RULES = st.fixed_dictionaries(
         "hysteresis": st.booleans(),
         "edges": st.sampled_from(["both", "reach", "time"]),
         "extend_by": st.sampled_from(["itself", "previous"]),
+        "edge_steps": st.integers(1, 6),
     }
 )
 # Between any two of their means.
@@ -82,6 +83,48 @@ def test_steps_make_no_edges_where_only_reach_does() -> None:
     ]
     # 20 reaches 0 (0.8); 20 becomes a waypoint once and is left once: both steps count.
     assert edges_of(topological_map) == ([(0, 2)], {(0, 2): 2})
+
+
+def test_waypoints_up_to_so_many_decisions_apart_are_joined() -> None:
+    greys = episode(0, 0, 30, 60, 60, 90)
+    found = {}
+    for steps in (1, 2, 3, 4):
+        topological_map = make_map(edges="time", edge_steps=steps)
+        assert topological_map.add_episode(greys).tolist() == [0, 0, 1, 2, 2, 3]
+        found[steps] = [tuple(pair) for pair in topological_map.edges.tolist()]
+    chain = [(0, 1), (1, 2), (2, 3)]
+    assert found[1] == chain
+    # From the last 0 to the first 60 it is two decisions, 30 to 90 three, 0 to 90 four.
+    assert found[2] == sorted([*chain, (0, 2)])
+    assert found[3] == sorted([*chain, (0, 2), (1, 3)])
+    assert found[4] == sorted([*chain, (0, 2), (1, 3), (0, 3)])
+    # Each was walked once, from the first to the last.
+    assert topological_map.graph.traversals.tolist() == [[1, 0]] * 6
+    # Nothing is joined across the end of an episode.
+    topological_map.add_episode(episode(45))
+    assert topological_map.add_episode(episode(75)).tolist() == [5]
+    assert topological_map.edges.max() == 3
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(SHADES, min_size=1, max_size=3), st.integers(1, 6))
+def test_edges_by_time_are_all_pairs_of_views_within_the_steps(episodes, steps) -> None:
+    topological_map, joined = make_map(edges="time", edge_steps=steps, **OFF), set()
+    for greys in episodes:
+        places = topological_map.add_episode(episode(*greys, scale=SCALE)).tolist()
+        for (i, one), (j, other) in combinations(enumerate(places), 2):
+            if j - i <= steps and one != other:
+                joined.add((min(one, other), max(one, other)))
+    assert edges_of(topological_map)[0] == sorted(joined)
+
+
+def test_where_the_view_before_makes_the_edges_time_adds_steps_alone() -> None:
+    topological_map = make_map(extend_by="previous", edge_steps=3)
+    topological_map.add_episode(episode(0, 30, 60))
+    assert topological_map.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+    # Eq. 12 in later episodes: the view before each reaches its own place alone.
+    assert topological_map.add_episode(episode(0, 90, 45)).tolist() == [0, 3, 4]
+    assert topological_map.edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [3, 4]]
 
 
 def test_a_new_waypoint_of_a_later_episode_is_linked_by_the_view_before() -> None:

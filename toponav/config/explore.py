@@ -92,6 +92,7 @@ class MapConfig(Settings):
     tc_threshold: str = threshold_or("auto")
     tc_reach: str = threshold_or("auto")
     edges: str = one_of("both", "reach", "time")
+    edge_steps: int = at_least(1)
     extend_by: str = one_of("itself", "previous")
     window: int = at_least(0)
     search_window: int = at_least(0)

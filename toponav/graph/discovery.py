@@ -32,9 +32,15 @@ class Track:
     is_first: bool  # whether the map was empty when the episode began
     cursor: int = 0  # index of the next frame to decide
     stop: int = 0  # from here on, votes are missing
-    place: int = -1  # waypoint of the last decided frame, -1 before the first
+    #: Waypoints of the last decided frames, those that an edge by time may begin at.
+    recent: list[int] = field(default_factory=list)
     #: Waypoints of the frames that were decided since the last piece.
     places: list[int] = field(default_factory=list)
+
+    @property
+    def place(self) -> int:
+        """Waypoint of the last decided frame, -1 before the first."""
+        return self.recent[-1] if self.recent else -1
 
     def append(self, piece: Piece, lookahead: int) -> None:
         self.frames = torch.cat([self.frames, piece.embeddings])
@@ -74,8 +80,7 @@ class Discovery:
     def renumber(self, number: Tensor) -> None:
         """Apply the new numbers of all waypoints, int64 ``[W]``, after a merge."""
         for track in self._tracks.values():
-            if track.place >= 0:
-                track.place = int(number[track.place])
+            track.recent = number[track.recent].tolist()
 
     def refresh(self) -> None:
         """Embed unfinished episodes again; those without views are dropped."""
@@ -209,18 +214,26 @@ class Discovery:
         return float(similarity.amax(1).mean()) > self.rules.surroundings_above
 
     def _move(self, track: Track, place: int) -> None:
-        before, edges = track.place, self.rules.edges
-        if before >= 0 and (edges != "reach" or self.graph.has_edge(before, place)):
-            self.graph.traverse(before, place)
-        track.place = place
+        by_time = self.rules.edges != "reach"
+        for before in set(track.recent) if place != track.place else ():
+            if by_time or self.graph.has_edge(before, place):
+                self.graph.traverse(before, place)
+        # Where eq. 12 makes the edges, those of time are the steps alone.
+        steps = 1 if self._extends(track) else self.rules.edge_steps
+        track.recent = [*track.recent, place][-steps:]
         track.places.append(place)
         track.cursor += 1
+
+    def _extends(self, track: Track) -> bool:
+        """Whether eq. 12 makes the edges of its new waypoints, not eq. 10."""
+        by_previous = self.rules.extend_by == "previous" and self.rules.edges != "time"
+        return by_previous and not track.is_first
 
     def _add_waypoint(
         self, track: Track, candidates: Tensor, similarity: Tensor
     ) -> None:
         at = track.cursor
-        if self.rules.extend_by == "previous" and not track.is_first:
+        if self._extends(track):
             # Eq. 12: the observation before says what the new waypoint reaches.
             candidates, similarity = candidates[:0], similarity[:0]
             if at:

@@ -24,6 +24,9 @@ class MapRules:
     tc_reach: float
     #: Which clauses of eq. 10 make edges: similarity, succession in time, or both.
     edges: Edges = "both"
+    #: Succession in time joins waypoints whose views are at most so many decisions
+    #: apart in one episode: the k of eq. 10.
+    edge_steps: int = 1
     #: Which view of an episode after the first says what a new waypoint reaches:
     #: ``"itself"`` (eq. 10) or the ``"previous"`` one (eq. 12).
     extend_by: ExtendBy = "itself"
@@ -55,7 +58,8 @@ class MapRules:
             if (value := getattr(self, name)) not in (choices := get_args(kind)):
                 raise ValueError(f"{name} must be one of {choices}, got {value!r}")
         _check_range(self, 0, "window", "search_window", "surroundings")
-        _check_range(self, 1, "nearby", "shortlist", "untraversed_edge_cost")
+        _check_range(self, 1, "edge_steps", "nearby", "shortlist")
+        _check_range(self, 1, "untraversed_edge_cost")
 
     @property
     def lookahead(self) -> int:
