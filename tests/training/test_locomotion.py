@@ -130,3 +130,24 @@ def test_a_loss_that_is_no_number_is_told(tmp_path: Path) -> None:
 def test_settings_that_make_no_sense_are_refused() -> None:
     with pytest.raises(SettingsError, match=r"locomotion\.k must be less than"):
         explore_settings("locomotion.k=64")
+    # 96 decisions of 4 mazes, cut once: 12 of each; M * k is 12.
+    words = ("online.learn=true", "online.ahead=96", "pairs.k=4", "pairs.m=3")
+    rule = r"online\.ahead / \(2 \* collect\.envs\) must be more than .* 12"
+    with pytest.raises(SettingsError, match=rule):
+        explore_settings(*words)
+    explore_settings(*words, "online.ahead=104")
+
+
+def test_without_long_episodes_the_head_stays_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    finetuner, head = make(explore_settings(*SETTINGS, "locomotion.k=32"))
+    before = copy.deepcopy(head.state_dict())
+    finetuner.extend(walks(length=32))
+    finetuner.finish(tmp_path)
+    # A pair 32 decisions apart needs 33.
+    assert "must hold an episode of at least 33 decisions" in capsys.readouterr().out
+    assert all(
+        torch.equal(before[name], one) for name, one in head.state_dict().items()
+    )
+    assert not (tmp_path / "locomotion.csv").exists()

@@ -173,7 +173,12 @@ class ExploreConfig(Settings):
         require(k < episode, rule, k)
         rule, after = "map.after must be less than collect.decisions", self.map.after
         require(not self.map.grow or after < decisions, f"{rule} = {decisions}", after)
-        self.pairs.check_room({length: episode}, self.pairs.m)
+        rooms = {length: episode}
+        if self.online.learn:
+            # An episode may end in the middle of what there is.
+            name = "online.ahead / (2 * collect.envs)"
+            rooms[name] = self.online.ahead // (2 * self.collect.envs)
+        self.pairs.check_room(rooms, self.pairs.m)
 
     def resolved(self, model: ModelConfig | None) -> "ExploreConfig":
         """These settings with ``policy.input`` set and, if any, the networks' model.

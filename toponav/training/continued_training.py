@@ -26,7 +26,7 @@ from toponav.builders import (
     make_device,
 )
 from toponav.config import ExploreConfig
-from toponav.data import EpisodeSampler, LPairs, SplitPairs
+from toponav.data import EpisodeSampler, LPairs, SplitPairs, find_episodes
 from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
 from toponav.runs import write_history
 from toponav.training.episode_log import mean_of
@@ -152,8 +152,16 @@ class LocomotionFinetuner(Consumer):
         return {}
 
     def finish(self, folder: Path) -> None:
-        """Train the head; loss and accuracy go into ``locomotion.csv``."""
+        """Train the head; loss and accuracy go into ``locomotion.csv``.
+
+        Without episodes long enough for a pair, it stays as it is.
+        """
         config = self.config
+        try:
+            find_episodes(self.buffer.storage).require(config.k + 1, "locomotion.k")
+        except ValueError as error:
+            tqdm.write(f"the head of the L-network stays as it is: {error}")
+            return
         head = _on_device(self.settings, self.networks).locomotion.head
         trainer = PairTrainer(
             head,

@@ -33,7 +33,7 @@ from toponav.collectors import (
     Subscription,
 )
 from toponav.config import ExploreConfig
-from toponav.keys import PIXELS
+from toponav.keys import EMBEDDING, NETWORK_PIXELS, PIXELS
 from toponav.methods import LEARNERS, make_reward
 from toponav.transforms import (
     AreaDownsample,
@@ -241,10 +241,15 @@ def _subscriptions(explorer: Explorer) -> list[Subscription]:
         return collector.policy if name == POLICY else explorer.modules()[name]
 
     def refresh(collector: Collector) -> None:
+        assert explorer.novelty is not None
         for transform in collector.env.transform:
             if hasattr(transform, "refresh"):
-                assert explorer.novelty is not None
                 transform.refresh(float(explorer.novelty.threshold))
+        # The views with which the rollout begins were embedded after the last one.
+        carried = collector._carrier
+        with torch.no_grad():
+            embedding = explorer.novelty.tc.embed(carried[NETWORK_PIXELS])
+        carried[EMBEDDING] = embedding.to(carried[EMBEDDING])
 
     return [
         Subscription(

@@ -1,0 +1,49 @@
+"""A collecting process's collector, built in this process."""
+
+import torch
+
+from tests import foreign_world  # noqa: F401
+from tests.exploring import explore_settings, world_of
+from toponav.builders import make_networks
+from toponav.collectors import Mailbox
+from toponav.keys import EMBEDDING, NETWORK_PIXELS
+from toponav.methods import LEARNERS, make_reward
+from toponav.training import Explorer
+from toponav.training.explore_collector import make_worker_collector, make_worker_env
+
+WORLD = ("world=gym", "world.id=tests.foreign_world:ForeignWorld-v0")
+
+
+def test_a_new_version_embeds_the_first_views_too() -> None:
+    settings = explore_settings(*WORLD, "online.learn=true", "reward.threshold=0.5")
+    world = world_of(settings)
+    networks = make_networks(settings.model, world.spec)
+    networks.modules.eval()
+    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
+    explorer = Explorer(policy, make_reward(settings, world, networks), networks)
+    mailbox = Mailbox(explorer.modules())
+    collector = make_worker_collector(
+        make_worker_env,
+        settings=settings,
+        world=world,
+        mailbox=mailbox,
+        keep=[EMBEDDING, NETWORK_PIXELS],
+        decisions=0,
+        worker_idx=0,
+        policy=LEARNERS[settings.loss.name].make_policy(settings, world),
+        frames_per_batch=2 * settings.loss.rollout,
+        total_frames=-1,
+    )
+    try:
+        collector.rollout()
+        with torch.no_grad():
+            for parameter in networks.tc.encoder.parameters():
+                parameter += 0.1 * torch.randn_like(parameter)
+        mailbox.publish("networks", explorer.modules()["networks"])
+        batch = collector.rollout()
+    finally:
+        collector.shutdown()
+    assert batch["version", "networks"].unique().tolist() == [1]
+    with torch.no_grad():
+        expected = networks.tc.embed(batch[NETWORK_PIXELS].flatten(0, 1))
+    torch.testing.assert_close(batch[EMBEDDING].flatten(0, 1), expected)
