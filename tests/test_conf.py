@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import re
 import sys
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
+from toponav.builders.pretraining import pretraining_folder
 from toponav.config import RECIPES, SettingsError
 from toponav.launch import folder_name
-from toponav.methods import register
+from toponav.methods import make_world, register
 
 CONF = Path(__file__).parent.parent / "conf"
 FILES = sorted(CONF.rglob("*.yaml"))
@@ -161,3 +163,29 @@ def test_settings_of_one_method_are_unknown_to_the_others() -> None:
     for words in (["reward=rnd", "reward.alpha=0.2"], ["loss=a3c", "loss.epochs=3"]):
         with pytest.raises(ConfigCompositionException):
             settings("explore", *words)
+
+
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [
+        (path, word)
+        for path in FILES
+        for word in re.findall(r'#.*?"(\w[\w.]*=.+)"', path.read_text())
+    ],
+    ids=lambda value: value.name if isinstance(value, Path) else "",
+)
+def test_what_a_comment_recommends_for_a_shell_is_valid(path: Path, word: str) -> None:
+    settings(path.parent.name, word)
+
+
+def test_there_is_such_a_recommendation() -> None:
+    text = (CONF / "explore/laptop.yaml").read_text()
+    assert '"pretraining.overrides=[' in text
+
+
+def test_a_layout_of_ones_own_goes_by_the_name_of_its_file() -> None:
+    path = CONF.parent / "toponav/envs/layouts/select.txt"
+    own = settings("explore", "maze=file", f"maze.path={path}")
+    assert own.world.label == make_world(own).name == "select"
+    assert pretraining_folder(own).name.startswith("select-laptop-")
+    assert settings("explore", "maze=maze1").world.label == "maze1"

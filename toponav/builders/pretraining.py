@@ -26,7 +26,13 @@ from toponav.builders.networks import (
     save_networks,
 )
 from toponav.builders.protocols import World
-from toponav.config import ExploreConfig, MazeConfig, Settings, TrainingError
+from toponav.config import (
+    ExploreConfig,
+    MazeConfig,
+    Settings,
+    TrainingError,
+    maze_label,
+)
 from toponav.envs import DEFAULT_ENGINE, end_stray_engines
 from toponav.runs import CHECKPOINT_FILE
 
@@ -120,7 +126,9 @@ def pretraining_folder(config: ExploreConfig) -> Path:
         # A file may change under the same path.
         content.append(make_layout(maze).text)
     key = hashlib.sha256(json.dumps(content).encode()).hexdigest()[:8]
-    label = maze.name if config.world.name == "maze" else config.world.label
+    label = config.world.label
+    if config.world.name == "maze":
+        label = maze_label(maze.name, maze.path)
     return Path(config.pretraining.folder) / f"{label}-{config.pretraining.scale}-{key}"
 
 

@@ -34,6 +34,7 @@ from toponav.config.groups import (
     PairsConfig as PairsConfig,
     RewardConfig as RewardConfig,
     WorldConfig as WorldConfig,
+    maze_label as maze_label,
 )
 from toponav.config.navigate import (
     NavigateConfig as NavigateConfig,
@@ -60,7 +61,8 @@ RECIPES: dict[str, type] = {
 
 def register() -> None:
     """Put the schema into Hydra's store, where the YAML files find it."""
-    OmegaConf.register_new_resolver("run_setting", run_setting, replace=True)
+    for resolver in (maze_label, run_setting):
+        OmegaConf.register_new_resolver(resolver.__name__, resolver, replace=True)
     store = ConfigStore.instance()
     store.store(group="maze", name="schema", node=MazeConfig)
     store.store(group="model", name="schema", node=ModelConfig)

@@ -5,6 +5,7 @@ The settings of one method alone are beside the method, in ``toponav/methods``.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from omegaconf import MISSING
 
@@ -34,6 +35,16 @@ class MazeConfig(Settings):
         super().__post_init__()
         rule = "maze.path must name a layout file when maze=file"
         require(self.name != "file" or bool(self.path), rule, self.path)
+
+
+def maze_label(name: str, path: str | None) -> str:
+    """What folders and pictures call a maze: a layout of one's own by its file.
+
+    Examples:
+        >>> maze_label("file", "/layouts/office.txt"), maze_label("maze1", None)
+        ('office', 'maze1')
+    """
+    return Path(path).stem if name == "file" and path else name
 
 
 @dataclass

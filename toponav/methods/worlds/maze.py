@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from torchrl.envs import EnvBase
 
 from toponav.builders import World, engine_world, make_env, make_layout
-from toponav.config import ExploreConfig, PretrainConfig, WorldConfig
+from toponav.config import ExploreConfig, PretrainConfig, WorldConfig, maze_label
 
 
 @dataclass
@@ -27,7 +27,7 @@ class MazeWorld(World):
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
         self.maze, self.engine = settings.maze, settings.engine
         self.spec = engine_world(self.engine)
-        self.name = self.maze.name
+        self.name = maze_label(self.maze.name, self.maze.path)
         self.episode_length = self.maze.episode_length
         self.layout = make_layout(self.maze)
 
