@@ -80,6 +80,23 @@ def test_a_sweep_over_closed_slots_leaves_tables_pictures_and_videos(run: Path) 
 
 
 @pytest.mark.slow
+def test_by_edges_it_closes_what_it_does_not_get_over(run: Path) -> None:
+    done = navigate(
+        run,
+        "maze.blocked=[a]",
+        "navigator.block_on=edge",
+        "navigator.block_after=3",
+        "navigator.fade_after=null",
+        "evaluate.policies=[navigator]",
+        "video.decisions=0",
+        "hydra.run.dir=edges",
+    )
+    assert done.returncode == 0, done.stderr
+    (summary,) = rows(run / "edges" / "summary.csv")
+    assert float(summary["replans"]) > 0
+
+
+@pytest.mark.slow
 def test_all_meet_the_same_episodes_and_a_seed_repeats_them(run: Path) -> None:
     def play(name: str, *overrides: str) -> list[dict[str, str]]:
         done = navigate(run, "video.decisions=0", f"hydra.run.dir={name}", *overrides)

@@ -87,6 +87,7 @@ def test_the_navigator_plans_on_it(explored: Explored) -> None:
         ("lookahead", 2),
         ("temperature", 0.7),
         ("mask_noop_actions", False),
+        ("block_on", "edge"),
         ("block_after", None),
         ("fade_after", 99),
         ("goal_patience", 7),

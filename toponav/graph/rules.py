@@ -5,6 +5,7 @@ from typing import Literal, get_args
 
 Edges = Literal["both", "reach", "time"]
 ExtendBy = Literal["itself", "previous"]
+BlockOn = Literal["goal", "edge"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +55,7 @@ class MapRules:
                 f"tc_reach must be in [0, tc_threshold={self.tc_threshold:g}], got "
                 f"{self.tc_reach}"
             )
-        for name, kind in (("edges", Edges), ("extend_by", ExtendBy)):
-            if (value := getattr(self, name)) not in (choices := get_args(kind)):
-                raise ValueError(f"{name} must be one of {choices}, got {value!r}")
+        _check_choices(self, edges=Edges, extend_by=ExtendBy)
         _check_range(self, 0, "window", "search_window", "surroundings")
         _check_range(self, 1, "edge_steps", "nearby", "shortlist")
         _check_range(self, 1, "untraversed_edge_cost")
@@ -84,20 +83,28 @@ class NavigatorRules:
     #: Whether an action that left the view exactly as it was, such as walking against a
     #: wall, is not drawn again until the view changes.
     mask_noop_actions: bool = False
-    #: Decisions in which it must come nearer to the goal, or an edge is closed, see
-    #: `Progress`; ``None`` never closes one.
-    block_after: int | None = 40
+    #: What it must come nearer to, or edges are closed: the ``"goal"`` (`Progress`) or
+    #: the next waypoint, beyond the next ``"edge"`` of its path (`EdgeProgress`).
+    block_on: BlockOn = "goal"
+    block_after: int | None = 40  # in so many decisions; ``None`` never closes one
     fade_after: int | None = None  # decisions after which a cut opens again
     #: Decisions at a goal's waypoint after which it is dropped for the episode.
     goal_patience: int | None = 20
     lost_for: int = 5  # random actions of an agent that is lost
 
     def __post_init__(self) -> None:
+        _check_choices(self, block_on=BlockOn)
         _check_range(self, 0, "tc_reach", below=1)
         _check_range(self, 0, "follow", "temperature")
         _check_range(self, 1, "hops", "shortlist", "lookahead", "fade_after")
         _check_range(self, 1, "goal_patience", "lost_for")
         _check_range(self, 2, "block_after")
+
+
+def _check_choices(rules: object, **kinds: object) -> None:
+    for name, kind in kinds.items():
+        if (value := getattr(rules, name)) not in (choices := get_args(kind)):
+            raise ValueError(f"{name} must be one of {choices}, got {value!r}")
 
 
 def _check_range(

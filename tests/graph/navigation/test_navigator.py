@@ -282,6 +282,45 @@ def test_the_second_cut_takes_what_lies_beside_the_path(grid):
     assert goals(data) >= 3
 
 
+def test_by_edges_it_closes_the_next_one_of_its_path_and_no_other(grid):
+    # As above, two more edges over the closed square.
+    below, corner, before, closed = (
+        grid.number(cell) for cell in ((2, 1), (1, 1), (1, 2), UPPER)
+    )
+    grid.edges = torch.cat(
+        [grid.edges, torch.tensor([[corner, closed], [below, closed]])]
+    )
+    grid.edge_cost = torch.ones(len(grid.edges))
+    world = GridWorld(start=(1, 2))
+    world.closed = {UPPER}
+    navigator = make_navigator(grid, block_on="edge", block_after=5)
+    data = walk(world, navigator, 60)
+    cuts = (data[CUT_FROM].flatten() >= 0).nonzero().flatten().tolist()
+    # Five decisions at (1, 2), and five at what it takes for the corner. Then the plan
+    # leads over the third edge, from (2, 1), where it is from decision 12 on.
+    assert cuts == [4, 9, 16]
+    assert data[CUT_FROM].flatten()[cuts].tolist() == [before, corner, below]
+    assert data[CUT_TO].flatten()[cuts].tolist() == [closed] * 3
+    # Each cut is one edge, for the rest of the episode.
+    assert navigator.plans.closed.sum() == 3
+    assert goals(data) >= 3
+
+
+def test_by_edges_a_step_nearer_is_patience_anew(grid):
+    world = GridWorld()
+    world.closed = {UPPER}
+    navigator = make_navigator(grid, block_on="edge", block_after=5)
+    data = walk(world, navigator, 6 + 1 + LONG)
+    # What is left of the way: 4, and then 3 for five decisions.
+    cut = (data[CUT_FROM].flatten() >= 0).nonzero().flatten().tolist()
+    assert cut == [5]
+    assert (data[CUT_FROM][5].item(), data[CUT_TO][5].item()) == (
+        grid.number((1, 2)),
+        grid.number(UPPER),
+    )
+    assert goals(data) == 1
+
+
 def test_a_reached_goal_is_noticed_by_the_reward_alone(grid):
     # A place far away is not looked for near the last one unless the goal paid.
     ends = ((4, 5), (1, 2))
@@ -531,6 +570,7 @@ def test_an_action_that_changes_nothing_is_not_drawn_again(grid):
         ({"lookahead": 0}, "lookahead must be at least 1, got 0"),
         ({"lost_for": 0}, "lost_for must be at least 1, got 0"),
         ({"temperature": -1.0}, "temperature must be at least 0, got -1"),
+        ({"block_on": "way"}, r"block_on must be one of \('goal', 'edge'\), got 'way'"),
         ({"block_after": 1}, "block_after must be at least 2, got 1"),
         ({"fade_after": 0}, "fade_after must be at least 1, got 0"),
         ({"goal_patience": 0}, "goal_patience must be at least 1, got 0"),

@@ -30,6 +30,23 @@ def test_a_cut_closes_what_leads_over_its_level(plans):
     assert plans.ahead(torch.tensor([1]), 5).tolist() == [[0, 5, 4, 3, 3]]
 
 
+def test_one_edge_alone_is_closed() -> None:
+    # From 0 two ways lead on at the same cost, over 1 and over 3.
+    square = torch.tensor([[0, 1], [1, 2], [2, 3], [0, 3]])
+    goals = GoalNodes(1, 1, 4, patience=20)
+    goals.nodes[0], goals.counts[0] = 2, True
+    plans = Plans(Planner(4, square, torch.ones(4)), goals)
+    plans.plan([0])
+    assert plans.close_edge(0, 0) == 1
+    assert square[plans.closed[0]].tolist() == [[0, 1]]
+    # The other way is the plan now; closed too, it leaves none.
+    assert plans.ahead(torch.tensor([0]), 2).tolist() == [[3, 2]]
+    assert plans.close_edge(0, 0) == 3
+    assert plans.cost(torch.tensor([0])).isinf()
+    plans.open_up(torch.tensor([0]))
+    assert square[plans.closed[0]].tolist() == [[0, 3]]
+
+
 @pytest.mark.parametrize("hops", [2, 3, 20])
 def test_a_cut_leaves_a_way_if_there_is_one(plans, hops):
     # Two hops from 1 lies 5, whose edge to 4 crosses the level too: both ways would be

@@ -1,7 +1,7 @@
 import torch
 from hypothesis import given, strategies as st
 
-from toponav.graph.navigation.progress import Progress
+from toponav.graph.navigation.progress import EdgeProgress, Progress
 
 
 def make_progress(patience, agents=1):
@@ -96,3 +96,42 @@ def test_steady_progress_is_never_stuck(patience, pauses):
     for _ in pauses:
         left -= 1
         assert not watch(progress, left)
+
+
+def watch_all(progress, places, lefts):
+    return [
+        watch(progress, left, place=place)
+        for place, left in zip(places, lefts, strict=True)
+    ]
+
+
+def test_the_edge_ahead_is_the_one_from_where_the_agent_came_nearest():
+    progress = EdgeProgress(1, patience=3)
+    # Nearest at 7, two decisions from the goal; 8 and 9 are detours.
+    found = watch_all(progress, [6, 7, 8, 9, 8], [3, 2, 3, 4, 3])
+    assert found == [False, False, False, True, True]
+    assert progress.give_up(0) == (7, 2.0, None)
+    # Then it begins anew, wherever it is.
+    assert watch_all(progress, [9, 9, 9], [5, 5, 5]) == [False, False, True]
+    assert progress.give_up(0) == (9, 5.0, None)
+
+
+def test_by_edges_the_lost_and_those_at_the_goal_do_not_count():
+    progress = EdgeProgress(2, patience=2)
+    none = torch.tensor([-1, 4]), torch.tensor([torch.inf, 0.0]).double()
+    some = torch.tensor([5, 5]), torch.tensor([3.0, 3.0]).double()
+    assert not any(progress.watch(*none).any() for _ in range(5))
+    assert progress.watch(*some).tolist() == [False, False]
+    progress.restart(torch.tensor([True, False]))
+    assert progress.watch(*none).tolist() == [False, False]
+    assert progress.watch(*some).tolist() == [False, True]
+    progress = EdgeProgress(1, patience=None)
+    assert not any(watch(progress, 5.0) for _ in range(99))
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=60), st.integers(1, 9))
+def test_by_edges_it_is_stuck_as_a_plain_count_says(lefts, patience):
+    progress = EdgeProgress(1, patience=patience)
+    for at, left in enumerate(lefts):
+        first = lefts.index(min(lefts[: at + 1]))
+        assert watch(progress, left) == (at - first + 1 >= patience)

@@ -11,7 +11,7 @@ from toponav import keys
 from toponav.graph.navigation.goals import GoalNodes
 from toponav.graph.navigation.localiser import Localiser, Map
 from toponav.graph.navigation.plans import Planner, Plans
-from toponav.graph.navigation.progress import Progress
+from toponav.graph.navigation.progress import EdgeProgress, Progress
 from toponav.graph.navigation.sampler import ActionSampler
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
@@ -38,8 +38,9 @@ class Navigator(TensorDictModuleBase):
     4. *act*: draw an action from ``locomotion``'s logits at ``temperature``;
     5. *give up*: an agent that comes no nearer to its goal (`Progress`) closes the edge
        that would lead on from where it got, and the longer it is stuck, the more of
-       the edges nearby that lead as near to the goal (`Plans`), and plans again. If no
-       path is left, the oldest cut opens again.
+       the edges nearby that lead as near to the goal (`Plans`), and plans again. With
+       ``block_on="edge"`` it is the edge that it did not get over (`EdgeProgress`), and
+       no other. If no path is left, the oldest cut opens again.
 
     It writes the action, int64 ``[*B]``, and what it decided, as `toponav.keys`
     describes it, and reads no privileged key.
@@ -103,7 +104,8 @@ class Navigator(TensorDictModuleBase):
             num_agents, num_goal_views, length, patience=rules.goal_patience
         )
         self.plans = Plans(planner, self.goals, fade_after=rules.fade_after)
-        self.progress = Progress(num_agents, patience=rules.block_after)
+        watch = EdgeProgress if rules.block_on == "edge" else Progress
+        self.progress = watch(num_agents, patience=rules.block_after)
         self.sampler = ActionSampler(num_agents, rules, self.generator)
         # Decisions for which an agent still acts at random.
         self._lost_left = torch.zeros(num_agents, dtype=torch.int64)
@@ -200,8 +202,11 @@ class Navigator(TensorDictModuleBase):
         ends = torch.full((len(place), 2), -1)
         for agent in stuck.nonzero().flatten().tolist():
             node, level, reach = self.progress.give_up(agent)
-            hops = min(reach, self.rules.hops)
-            onward = self.plans.close(agent, node, level, hops=hops)
+            if reach is None:
+                onward = self.plans.close_edge(agent, node)
+            else:
+                hops = min(reach, self.rules.hops)
+                onward = self.plans.close(agent, node, level, hops=hops)
             ends[agent] = torch.tensor([node, onward])
         return ends
 

@@ -205,6 +205,14 @@ class Plans:
         self.plan([agent])
         return onward
 
+    def close_edge(self, agent: int, place: int) -> int:
+        """Cut the one edge by which the path leads on from a place; its other end."""
+        onward = int(self._onward[agent, place])
+        ends = torch.tensor([[place], [onward]])
+        self.cut(agent, self.planner.edge_numbers(*ends))
+        self.plan([agent])
+        return onward
+
     def reopen_oldest(self, agent: int) -> bool:
         """Open an agent's oldest cut, if any; what later ones close stays closed."""
         if not self._cuts[agent]:

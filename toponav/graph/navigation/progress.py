@@ -1,4 +1,6 @@
-"""`Progress`: whether each agent comes nearer to its goal."""
+"""`Progress`, `EdgeProgress`: whether agents come nearer to goal or next waypoint."""
+
+import math
 
 import torch
 from torch import Tensor
@@ -67,3 +69,41 @@ class Progress:
         self._reach[agent] = 2 * reach + 1
         self._since_cut[agent] = self._count[agent] = 0
         return int(self._place[agent, nearest.indices]), float(nearest.values), reach
+
+
+class EdgeProgress:
+    """Watches whether each agent gets over the next edge of its path, as `Progress`.
+
+    An agent is *stuck* once ``patience`` decisions brought it to no waypoint of a lower
+    remaining cost than that where it came nearest to the goal: it did not pass the edge
+    that leads on from there. What it gives up is this edge alone.
+
+    Reference:
+        The paper, "Goal reaching process" and Fig. 11.
+    """
+
+    def __init__(self, num_agents: int, *, patience: int | None) -> None:
+        self.patience = math.inf if patience is None else patience
+        self._nearest = torch.full((num_agents,), torch.inf, dtype=torch.float64)
+        self._place = torch.full((num_agents,), -1)
+        # Decisions since it got there, it included.
+        self._count = torch.zeros(num_agents, dtype=torch.int64)
+
+    def restart(self, agents: Tensor) -> None:
+        self._nearest[agents] = torch.inf
+
+    forget = restart
+
+    def watch(self, place: Tensor, cost: Tensor) -> Tensor:
+        walks = (place >= 0) & cost.isfinite() & (cost > 0)
+        is_nearer = walks & (cost < self._nearest)
+        self._nearest[is_nearer] = cost[is_nearer].double()
+        self._place[is_nearer] = place[is_nearer]
+        self._count = (self._count + walks).masked_fill(is_nearer, 1)
+        return walks & (self._count >= self.patience)
+
+    def give_up(self, agent: int) -> tuple[int, float, None]:
+        """Where the edge begins that was not passed, the cost there, and no reach."""
+        found = int(self._place[agent]), float(self._nearest[agent]), None
+        self._nearest[agent] = torch.inf
+        return found

@@ -7,7 +7,7 @@ from omegaconf import MISSING
 from torch import Tensor
 
 from toponav.builders import AgentKnowledge, GoalPlaces
-from toponav.config import NavigatorConfig, at_least, refusing
+from toponav.config import NavigatorConfig, at_least, one_of, refusing
 from toponav.graph import Navigator, NavigatorRules
 from toponav.methods.navigators.method import NavigatorMethod
 
@@ -26,6 +26,7 @@ class TopologicalConfig(NavigatorConfig):
     lookahead: int = MISSING
     temperature: float = MISSING
     mask_noop_actions: bool = MISSING
+    block_on: str = one_of("goal", "edge")
     block_after: int | None = MISSING
     fade_after: int | None = MISSING
     goal_patience: int | None = MISSING
