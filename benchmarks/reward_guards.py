@@ -21,6 +21,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
 from tqdm import tqdm, trange
 
 from toponav.builders import Networks, World, load_networks
@@ -60,12 +61,12 @@ HEADER = [
 ]
 
 
-def make_settings(maze: str, seed: int) -> ExploreConfig:
+def make_settings(*words: str, seed: int) -> ExploreConfig:
     """Settings of the laptop scale."""
     register()
-    words = [f"maze={maze}", f"seed={seed}"]
+    words = (*words, f"seed={seed}")
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        settings = OmegaConf.to_object(compose("explore", overrides=words))
+        settings = OmegaConf.to_object(compose("explore", overrides=list(words)))
     assert isinstance(settings, ExploreConfig)
     return settings
 
@@ -122,11 +123,11 @@ def compute_rewards(
     world: World,
     networks: Networks,
     seen: list[TensorDictBase],
-) -> tuple[float, list[float]]:
-    """The memory's threshold, and means per episode of what a policy is paid.
+) -> tuple[float, Tensor]:
+    """The memory's threshold, and what each episode is paid, float32 ``[3, E]``.
 
-    The means are those of the intrinsic return, of the new waypoints, and of the
-    spurious ones among them.
+    The rows are the intrinsic return, the new waypoints, and the spurious ones
+    among them.
     """
     method = make_reward(settings, world, networks)
     config, tc = settings.reward, networks.tc
@@ -155,7 +156,7 @@ def compute_rewards(
         counted = (INTRINSIC_REWARD, IS_NEW_WAYPOINT, SPURIOUS_WAYPOINT)
         total += torch.stack([after[key].float().squeeze(-1) for key in counted])
         now = after
-    return threshold, total.mean(1).tolist()
+    return threshold, total
 
 
 def guarded(config: RewardConfig, changes: dict[str, object]) -> RewardConfig:
@@ -175,7 +176,8 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(1)
     networks = load_networks(options.networks)
-    settings = make_settings(options.maze, options.seed).resolved(networks.model)
+    settings = make_settings(f"maze={options.maze}", seed=options.seed)
+    settings = settings.resolved(networks.model)
     world = make_world(settings)
     recorded = {
         name: record(settings, world, networks, policy, episodes=options.episodes)
@@ -187,7 +189,8 @@ def main() -> None:
         changed = replace(settings, reward=config)
         returns = {}
         for name, seen in recorded.items():
-            threshold, found = compute_rewards(changed, world, networks, seen)
+            threshold, sums = compute_rewards(changed, world, networks, seen)
+            found = sums.mean(1).tolist()
             returns[name] = found[0]
             coverage = float(seen[-1][COVERAGE].mean())
             rows.append(
