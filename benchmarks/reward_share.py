@@ -77,17 +77,17 @@ def main() -> None:
             _, sums = compute_rewards(
                 replace(settings, reward=reward), world, networks, seen
             )
-            paid, waypoints, spurious = sums.unflatten(1, (len(played), -1))
-            expert = paid[0].mean()
+            returns, waypoints, spurious = sums.unflatten(1, (len(played), -1))
+            expert = returns[0].mean()
             row = {
                 "maze": " ".join(words),
                 "share (%)": share,
                 "threshold": found.threshold,
-                "correlation": correlation(paid.flatten(), coverage),
+                "correlation": correlation(returns.flatten(), coverage),
                 "waypoints for a cell": float(waypoints.sum() / cells.sum()),
                 "spurious (%)": float(100 * spurious.sum() / waypoints.sum()),
             }
-            for name, part in zip(list(played)[1:], paid[1:], strict=True):
+            for name, part in zip(list(played)[1:], returns[1:], strict=True):
                 row[f"{name} / expert"] = float(part.mean() / expert)
             rows.append({name: rounded(value) for name, value in row.items()})
             print(json.dumps(rows[-1]))

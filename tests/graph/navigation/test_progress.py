@@ -111,7 +111,7 @@ def test_the_edge_ahead_is_the_one_from_where_the_agent_came_nearest():
     found = watch_all(progress, [6, 7, 8, 9, 8], [3, 2, 3, 4, 3])
     assert found == [False, False, False, True, True]
     assert progress.give_up(0) == (7, 2.0, None)
-    # Then it begins anew, wherever it is.
+    # Then it begins again, wherever it is.
     assert watch_all(progress, [9, 9, 9], [5, 5, 5]) == [False, False, True]
     assert progress.give_up(0) == (9, 5.0, None)
 
