@@ -18,6 +18,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import InitTracker, TransformedEnv
 from tqdm import tqdm
 
+from toponav.builders import collect_rollout
 from toponav.envs import DEFAULT_ENGINE, MAZES, MazeEnv, load_engine, load_maze
 from toponav.keys import COVERAGE, DECISIONS_TO_COVERAGE
 from toponav.metrics import bootstrap
@@ -31,6 +32,7 @@ from toponav.transforms import Coverage
 
 BATCH = 16
 LEVELS = (0.9, 1.0)
+MEASURED = (COVERAGE, DECISIONS_TO_COVERAGE)
 
 
 def episodes(
@@ -46,11 +48,10 @@ def episodes(
     covered, decisions = [], []
     try:
         for _ in range(-(-count // BATCH)):
-            data = env.reset()
-            for _ in range(length):
-                data = env.step_mdp(env.step(policy(data)))
-            covered.append(100 * data[COVERAGE][:, 0].numpy())
-            decisions.append(data[DECISIONS_TO_COVERAGE].numpy())
+            played = collect_rollout(env, policy, length, keep=(), keep_next=MEASURED)
+            last = played.frames["next"][:, -1]
+            covered.append(100 * last[COVERAGE][:, 0].numpy())
+            decisions.append(last[DECISIONS_TO_COVERAGE].numpy())
     finally:
         env.close()
     return np.concatenate(covered)[:count], np.concatenate(decisions)[:count]

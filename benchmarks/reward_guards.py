@@ -24,7 +24,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from tqdm import tqdm, trange
 
-from toponav.builders import Networks, World, load_networks
+from toponav.builders import Networks, World, collect_rollout, load_networks
 from toponav.config import ExploreConfig, RewardConfig
 from toponav.keys import (
     COVERAGE,
@@ -107,13 +107,13 @@ def record(
     )
     env = make_explore_env(settings, world, explorer, envs=episodes, seed=settings.seed)
     try:
-        data = env.reset()
-        seen = [data.select(*keys).clone()]
-        for _ in trange(world.episode_length - 1, desc="walk", leave=False):
-            data = env.step_mdp(env.step(policy(data)))
-            seen.append(data.select(*keys).clone())
+        with trange(episodes * world.episode_length, desc="walk", leave=False) as bar:
+            played = collect_rollout(
+                env, policy, world.episode_length, keep=keys, progress=bar.update
+            )
     finally:
         env.close()
+    seen = played.frames.unbind(1)
     return [data.set(VIEW, data.pop(EMBEDDING)[:, None, None]) for data in seen]
 
 

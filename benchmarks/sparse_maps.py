@@ -25,6 +25,7 @@ from tqdm import trange
 from toponav.builders import (
     AgentKnowledge,
     GroundTruth,
+    collect_rollout,
     load_exploration,
     make_goal_places,
     make_navigation_env,
@@ -69,11 +70,13 @@ def play(
     env: EnvBase, policy: TensorDictModuleBase, length: int, *, name: str
 ) -> torch.Tensor:
     """Goals reached in each episode, ``[E]``."""
-    now, goals = env.reset(), torch.zeros(env.batch_size)
-    for _ in trange(length, desc=name, unit="step"):
-        step, now = env.step_and_maybe_reset(policy(now))
-        goals += step["next", REWARD].reshape(-1) >= env.world.goal_reward
-    return goals
+    total = env.batch_size[0] * length
+    with trange(total, desc=name, unit="decision") as bar:
+        played = collect_rollout(
+            env, policy, length, keep=(), keep_next=[REWARD], progress=bar.update
+        )
+    reward = played.frames["next", REWARD].squeeze(-1)
+    return (reward >= env.world.goal_reward).float().sum(1)
 
 
 def main() -> None:

@@ -166,4 +166,4 @@ def test_a_run_without_a_checkpoint_cannot_go_on(tmp_path: Path) -> None:
     (tmp_path / "checkpoint.pt").write_bytes(b"PK\x03\x04 cut off")
     done = pretrain(f"resume={tmp_path}")
     assert done.returncode == 2
-    assert "resume must name a file that was written whole" in done.stderr
+    assert "resume must name a complete file" in done.stderr

@@ -27,10 +27,10 @@ DONE: NestedKey = "done"
 TERMINATED: NestedKey = "terminated"
 #: bool [1]; the time limit ended the episode, or its engine was lost. Env -> losses.
 TRUNCATED: NestedKey = "truncated"
-#: float32 [H', W']; planar depth in map units. Env -> Nav A3C.
+#: float32 [H', W']; planar depth in map units. Env; no reader yet.
 DEPTH: NestedKey = "depth"
 #: float32 [6]; per decision: forward, left, up in map units, yaw, pitch, roll in
-#: degrees. Env -> Nav A3C.
+#: degrees. Env; no reader yet.
 VELOCITY: NestedKey = "velocity"
 
 # --- ground truth, for evaluation only -------------------------------------

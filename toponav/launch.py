@@ -104,7 +104,7 @@ def _run_job(
     own = None if job.output_subdir is None else folder / job.output_subdir
     world = OmegaConf.select(cfg, "world.name", default="maze")
     try:
-        # The lock comes first: who does not get it must not remove the other's folder.
+        # The lock comes first: without it a run must not remove the folder.
         with nullcontext() if own is None else alone_in(own):
             try:
                 for word in job.overrides.task:

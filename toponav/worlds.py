@@ -1,4 +1,4 @@
-"""`WorldSpec`: what the other rooms must know of a world; ask it, copy nothing."""
+"""`WorldSpec`: the numbers of a world, which no other file copies."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -8,7 +8,7 @@ from tests.models import WORLD
 from tests.test_conf import settings
 from toponav.builders import load_networks, make_networks, prepare_networks
 from toponav.builders.networks import save_networks
-from toponav.builders.pretraining import pretraining_overrides
+from toponav.builders.pretraining import pretraining_folder, pretraining_overrides
 from toponav.config import ExploreConfig, PretrainConfig, SettingsError, TrainingError
 
 # Stands for the recipe: notes that it ran, and leaves the networks that it is given.
@@ -65,6 +65,14 @@ def test_what_exploring_alone_depends_on_does_not_matter() -> None:
     for override in ("maze.texture_seed=1", "pairs.k=3", "model.projection_dim=7"):
         other = explore_settings(override)
         assert pretraining_overrides(other) != pretraining_overrides(one)
+
+
+def test_more_settings_of_the_pretraining_can_be_given() -> None:
+    config = explore_settings("pretraining.overrides=['train.updates=7']")
+    found = settings("pretrain", *pretraining_overrides(config))
+    assert isinstance(found, PretrainConfig)
+    assert found.train.updates == 7
+    assert pretraining_folder(config) != pretraining_folder(explore_settings())
 
 
 @pytest.mark.parametrize("maze", ["maze3", "random", "file"])

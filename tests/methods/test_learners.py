@@ -135,3 +135,18 @@ def test_a_loss_that_is_not_finite_stops_before_the_weights_change() -> None:
 def test_settings_out_of_range_are_refused(words: list[str], message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         explore_settings(*words)
+
+
+def test_a_narrow_clip_lets_the_policy_change_less() -> None:
+    """How far PPO's updates of one batch move the probabilities of its actions."""
+
+    def moved(clip: float) -> float:
+        words = ("loss=ppo", "loss.lr=0.01", f"loss.clip_epsilon={clip}")
+        batch = make_batch(explore_settings(*words))
+        learner = make_learner(*words)
+        before = learner.policy(batch.clone())["action_log_prob"]
+        learner.extend(batch.clone())
+        ratio = (learner.policy(batch.clone())["action_log_prob"] - before).exp()
+        return float((ratio - 1).abs().mean())
+
+    assert moved(0.01) < 0.8 * moved(0.5)

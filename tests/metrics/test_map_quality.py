@@ -48,6 +48,8 @@ def test_false_edges_are_those_that_are_far_on_foot(distances) -> None:
     assert (quality.waypoints, quality.edges) == (5, 4)
     assert quality.coverage == pytest.approx(5 / 13)
     assert (quality.components, quality.largest_component) == (1, 1.0)
+    # Without 0-1 its end 1 is a part of its own.
+    assert quality.true_components == 2
     # Closer than that, the edge of three cells is false as well.
     tight = map_quality(distances, poses, edges, torch.ones(4), far_cells=2.5)
     assert tight.false_edges == tight.false_walked_edges == pytest.approx(1 / 2)

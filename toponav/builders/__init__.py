@@ -1,4 +1,4 @@
-"""The only place where settings become objects."""
+"""Builders: environments, networks, maps and collectors from settings."""
 
 from toponav.builders.collection import (
     FRAME_KEYS as FRAME_KEYS,

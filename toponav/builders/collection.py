@@ -110,7 +110,7 @@ def collect_frames(
 
 
 def frames_that_fit(gb: float, view_size: tuple[int, int], *, halve: bool) -> int:
-    """Number of frames whose views take so many gigabytes.
+    """Number of frames whose views fit into ``gb`` gigabytes.
 
     Examples:
         >>> frames_that_fit(0.001, (60, 80), halve=False)

@@ -31,7 +31,8 @@ def make_map(
         reach = min(reach, threshold)
     rule = f"map.tc_reach must be at most map.tc_threshold = {threshold:g}"
     require(reach <= threshold, rule, f"{reach:g}")
-    settings = {field.name: getattr(config, field.name) for field in fields(MapRules)}
+    names = {field.name for field in fields(MapRules)}
+    settings = {name: value for name, value in vars(config).items() if name in names}
     settings |= {"tc_threshold": threshold, "tc_reach": reach}
     return empty_map(tc, MapRules(**settings), goal_reward=world.goal_reward)
 

@@ -1,4 +1,4 @@
-"""What an exploration left to its agent and to those who judge it; the goals."""
+"""Loads an exploration to navigate with: knowledge, ground truth, goals."""
 
 from collections.abc import Sequence
 from contextlib import closing

@@ -1,4 +1,4 @@
-"""The TC-network and the L-network: made, written, read, and sent to explorers."""
+"""The TC-network and the L-network: built, saved, loaded and published."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path

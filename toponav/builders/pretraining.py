@@ -1,4 +1,4 @@
-"""Networks to explore with: given, of an earlier pre-training, or made now."""
+"""Networks to explore with: given, reused, or trained now."""
 
 import fcntl
 import hashlib

@@ -86,7 +86,7 @@ def keep_freed_memory() -> bool:
 
 
 def seed_of(*parts: int) -> int:
-    """A seed that differs, as good as surely, if any of the numbers does.
+    """A seed that almost surely differs if any of the numbers does.
 
     Examples:
         >>> seed_of(0, 1) == seed_of(1, 0)
@@ -150,7 +150,7 @@ def _watched(max_idle_s: float) -> Iterator[None]:
 
     Who waits for the message of a process that died waits on while the engines of that
     process hold its pipe open, so these are ended each second. Processes that hang are
-    ended after ``max_idle_s``, since nothing else would wake who waits for them.
+    ended after ``max_idle_s``, since nothing else would wake the waiting caller.
     """
     done, hung = threading.Event(), threading.Event()
     deadline = time.monotonic() + max_idle_s

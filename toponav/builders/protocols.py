@@ -1,4 +1,4 @@
-"""What worlds, consumers, learners and reward methods are to the rest of the house."""
+"""Base types of worlds, consumers, learners and reward methods."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence

@@ -11,7 +11,7 @@ from toponav.keys import DONE, TRUNCATED
 class StaggeredEpisodes(Transform):
     """Cuts the first episode of each environment short, each at another length.
 
-    A learner would else see nothing but beginnings, then nothing but ends. Row ``e`` of
+    Otherwise a learner would first see only beginnings, then only ends. Row ``e`` of
     ``E`` is truncated after ``length * (e + 1) / E`` decisions the first time, rounded
     up, of the ``length >= 1`` of an episode. A reset of all rows starts over.
     """

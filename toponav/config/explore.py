@@ -97,7 +97,6 @@ class MapConfig(Settings):
     window: int = at_least(0)
     search_window: int = at_least(0)
     surroundings: int = at_least(0)
-    surroundings_above: float = between(0, 0.999)
     hysteresis: bool = MISSING
     nearby: int | None = at_least(1)
     shortlist: int | None = at_least(1)

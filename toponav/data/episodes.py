@@ -52,7 +52,7 @@ class Episodes:
         return torch.searchsorted(self.start, place, right=True) - 1
 
     def require(self, length: int, why: str) -> None:
-        """ValueError if no run has so many decisions; ``why`` names what needs them."""
+        """ValueError if no run has ``length`` decisions; ``why`` is what needs them."""
         longest = int(self.length.max()) if len(self.length) else 0
         if longest < length:
             raise ValueError(

@@ -14,7 +14,7 @@ _Round = tuple[Callable[[int], None], Iterator[int], _Done]
 
 
 class LockstepThreadPool:
-    """A pool of so many threads that does a whole round of work at a time.
+    """A pool of ``size`` threads that works in rounds.
 
     A round costs two queue entries a thread; an executor's futures cost several times
     as much, which shows at thousands of rounds a second.

@@ -144,7 +144,7 @@ class WaypointGraph:
             evidence["similarity"] = max(known, default=math.nan)
 
     def _clear(self, num_waypoints: int) -> None:
-        """Begin again with so many waypoints and no edges."""
+        """Reset to ``num_waypoints`` waypoints without edges."""
         self._graph = nx.empty_graph(num_waypoints)
         self._change()
 

@@ -15,6 +15,7 @@ from toponav.metrics.l_report import (
 from toponav.metrics.map_quality import (
     covered_cells as covered_cells,
     edge_lengths as edge_lengths,
+    map_parts as map_parts,
     map_quality as map_quality,
 )
 from toponav.metrics.navigation_metrics import (

@@ -1,12 +1,13 @@
 """How good a topological map is, by ground truth that the map itself never sees."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rustworkx
 import torch
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 from torch import Tensor
 
 from toponav.ground_truth import GroundTruthDistances, wrap_degrees
@@ -33,6 +34,7 @@ class MapQuality:
     missing_edges: float
     components: int  # parts of the map that no path joins
     largest_component: float  # share of the waypoints in it
+    true_components: int  # parts without the false edges
     stretch: float  # median length of a planned path over that of the shortest one
     mean_stretch: float  # its mean, in which paths over false edges weigh more
 
@@ -71,7 +73,6 @@ def map_quality(
     graph.add_nodes_from(range(len(poses)))
     ends = edges.T.tolist()
     graph.add_edges_from(list(zip(*ends, edge_cost.tolist(), strict=True)))
-    parts = [len(part) for part in rustworkx.connected_components(graph)]
     far = edge_lengths(distances, poses, edges) > far_cells * distances.cell_size
     generator = torch.Generator().manual_seed(seed)
     drawn = torch.randperm(len(poses), generator=generator)[:_SAMPLES]
@@ -87,11 +88,21 @@ def map_quality(
         false_walked_edges=float(far[edge_cost <= 1].float().mean()),
         false_paths=float(leads_wrong.float().mean()),
         missing_edges=_missing_edges(distances, poses, edges, drawn, hops),
-        components=len(parts),
-        largest_component=max(parts, default=0) / max(len(poses), 1),
+        **map_parts(len(poses), edges),
+        true_components=int(map_parts(len(poses), edges[~far])["components"]),
         stretch=float(stretches.median()) if len(stretches) else float("nan"),
         mean_stretch=float(stretches.mean()),
     )
+
+
+def map_parts(num_waypoints: int, edges: Tensor) -> dict[str, Any]:
+    """`MapQuality.components` and ``largest_component``, which need no ground truth."""
+    ends = edges.numpy().T
+    shape = num_waypoints, num_waypoints
+    joined = csr_array((np.ones(len(edges)), (ends[0], ends[1])), shape=shape)
+    num_parts, part = connected_components(joined, directed=False)
+    largest = np.bincount(part).max() / num_waypoints if num_parts else np.nan
+    return {"components": num_parts, "largest_component": float(largest)}
 
 
 def covered_cells(distances: GroundTruthDistances, poses: Tensor) -> Tensor:

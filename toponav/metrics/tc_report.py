@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
+from scipy.stats import binned_statistic
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import balanced_accuracy_score, roc_auc_score, roc_curve
 from torch import Tensor
@@ -37,11 +38,10 @@ def binned_mean(value: Tensor, by: Tensor, edges: ArrayLike) -> Binned:
     What lies outside the ascending edges is left out; a bin holds its lower edge, the
     last one both.
     """
-    bins = np.asarray(edges, np.float64)
+    values = value.double().numpy()
+    mean, bins, _ = binned_statistic(by.double().numpy(), values, "mean", edges)
     count, _ = np.histogram(by.double(), bins)
-    total, _ = np.histogram(by.double(), bins, weights=value.double())
-    sums, counts = torch.from_numpy(total), torch.from_numpy(count)
-    return Binned(torch.from_numpy(bins), sums / counts, counts)
+    return Binned(*map(torch.from_numpy, (bins, mean, count)))
 
 
 @dataclass(frozen=True)

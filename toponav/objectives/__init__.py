@@ -1,4 +1,4 @@
-"""Losses, one LossModule a file, and what their training loops need beside them."""
+"""Losses, and the optimiser and reward scaling that go with them."""
 
 from toponav.objectives.a3c_loss import A3CLoss as A3CLoss
 from toponav.objectives.pair_losses import LLoss as LLoss, TCLoss as TCLoss

@@ -1,4 +1,4 @@
-"""`ReturnScale`: rewards in units of their own discounted return's deviation."""
+"""`ReturnScale`: rewards over the deviation of their discounted return."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase

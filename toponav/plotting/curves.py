@@ -188,7 +188,7 @@ def _draw_columns(
 def draw_success(
     first: Mapping[str, ArrayLike], *, decisions: int, title: str = ""
 ) -> Figure:
-    """Draw the share of the episodes that reached their goal within so many decisions.
+    """Draw the share of the episodes that reached their goal by a number of decisions.
 
     ``first`` has, by policy, the decisions to the first goal, ``[N]``, -1 without one.
 

@@ -1,4 +1,4 @@
-"""The look that all figures share, and how they reach the disk."""
+"""The style of all figures, and saving them."""
 
 from pathlib import Path
 from typing import Any

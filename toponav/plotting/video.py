@@ -245,7 +245,7 @@ def _strip_of_numbers(
 
 
 def _strip(width: int, texts: Iterable[tuple[float, str]]) -> Image.Image:
-    """A white strip with texts, each so many pixels from its left end."""
+    """A white strip with texts, each at its offset in pixels."""
     image = Image.new("RGB", (width, _STRIP), "white")
     for start, text in texts:
         ImageDraw.Draw(image).text((start, 4), text, INK, _FONT)

@@ -1,4 +1,4 @@
-"""Scripted policies that know the maze: upper ends of the scale, never agents."""
+"""Scripted policies that know the maze: upper bounds, never agents."""
 
 from collections.abc import Callable, Sequence
 

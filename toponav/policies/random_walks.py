@@ -1,4 +1,4 @@
-"""Policies that ignore what they see: lower ends of the scale."""
+"""Policies that ignore what they see: lower bounds."""
 
 from collections.abc import Sequence
 

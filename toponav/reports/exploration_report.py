@@ -142,7 +142,7 @@ def format_progress(row: Row) -> str:
 
 
 class Timer:
-    """Says when so many seconds have passed again.
+    """True once every ``seconds`` seconds.
 
     Examples:
         >>> Timer(1e-9).is_due(), Timer(60).is_due()

@@ -52,7 +52,7 @@ def place_errors(
     heading = held_out.frames.get(HEADING)[:num_views].squeeze(-1)
 
     def distance(gap: int) -> Tensor:
-        """To the most similar view at least so many decisions away, NaN without one."""
+        """To the most similar view ``gap`` or more decisions away, NaN without one."""
         best = most_similar(similarity, episode, step, rows=queries, min_gap=gap)
         found = distances.geodesic(position[queries], position[best])
         return torch.where(best >= 0, found, torch.nan)

@@ -1,4 +1,4 @@
-"""Files of a run folder: written at once, never half; checkpoints are read back.
+"""Files of a run folder: written atomically; checkpoints are read back.
 
 Checkpoints hold tensors and plain values, and are read without running code.
 """
@@ -77,7 +77,7 @@ def reading_checkpoint(
         found = torch.load(path, map_location=device, weights_only=True)
     except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as bad:
         raise SettingsError(
-            f"{setting} must name a file that was written whole, got the damaged "
+            f"{setting} must name a complete file, got the damaged "
             f"{path} ({_reason(bad)})"
         ) from bad
     rule, given = f"{setting} must name a file of this package", type(found).__name__

@@ -96,7 +96,7 @@ def make_consumers(
     state: ExplorationState,
     folder: Path,
 ) -> tuple[EpisodeLog, dict[str, Consumer]]:
-    """The log, and whoever takes the batches, in the order in which they get them.
+    """The log, and all consumers, in the order in which they get the batches.
 
     The log comes before those that ask which episodes have ended. What is switched off
     is not in it, and without networks there is no map.

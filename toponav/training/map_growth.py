@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import rustworkx
 import torch
 from matplotlib.figure import Figure
 from tensordict import TensorDictBase
@@ -29,7 +28,7 @@ from toponav.builders import (
 from toponav.config import ExploreConfig
 from toponav.graph import TopologicalMap, save_map, sparsify
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
-from toponav.metrics import covered_cells, edge_lengths, map_quality
+from toponav.metrics import covered_cells, edge_lengths, map_parts, map_quality
 from toponav.plotting import FloorPlan, draw_graph, draw_topological_map, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
@@ -117,7 +116,8 @@ class MapGrowth(Consumer):
         version = self.map.network_version
         row: Row = {"decisions": self.decisions, "networks_version": version}
         if self.truth is None:
-            row |= count_components(self.map)
+            num, edges = self.map.num_waypoints, self.map.edges
+            row |= {"waypoints": num, "edges": len(edges), **map_parts(num, edges)}
         else:
             row |= self.truth.measure(self.map, self.pretraining_decisions)
             write_array(folder / POSES_FILE, self.truth.poses.values)
@@ -130,8 +130,9 @@ class MapGrowth(Consumer):
         parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
         title = f"{self.name} after {row['decisions']:,} decisions: "
         if self.truth is not None:
-            title += f"{row['coverage']:.0%} of the cells, {parts}, "
-            title += f"{row['false_edges']:.1%} of the edges false"
+            title += f"{row['coverage']:.0%} of the cells, {parts} "
+            title += f"({row['true_components']} without the false edges, "
+            title += f"{row['false_edges']:.1%})"
             return self.truth.draw(self.map, title)
         title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
         num, cost = self.map.num_waypoints, self.map.edge_cost.amin(1)
@@ -141,21 +142,6 @@ class MapGrowth(Consumer):
         super().load_state_dict(state)
         if self.trains_online:
             self._embed(self.map.network_version)
-
-
-def count_components(topological_map: TopologicalMap) -> Row:
-    """What can be said of a map without ground truth."""
-    num, edges = topological_map.num_waypoints, topological_map.edges.tolist()
-    graph = rustworkx.PyGraph()
-    graph.add_nodes_from(range(num))
-    graph.add_edges_from_no_data([(one, other) for one, other in edges])
-    parts = [len(part) for part in rustworkx.connected_components(graph)]
-    return {
-        "waypoints": num,
-        "edges": len(edges),
-        "components": len(parts),
-        "largest_component": max(parts) / num if num else math.nan,
-    }
 
 
 class MapTruth:

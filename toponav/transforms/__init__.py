@@ -1,4 +1,4 @@
-"""TorchRL transforms of the surroundings, each usable in any TorchRL project."""
+"""TorchRL transforms of environments, each usable in any TorchRL project."""
 
 from toponav.transforms.area_downsample import AreaDownsample as AreaDownsample
 from toponav.transforms.coverage import Coverage as Coverage

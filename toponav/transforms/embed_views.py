@@ -1,4 +1,4 @@
-"""`EmbedViews` and `ViewSimilarity`: what callables of their owners say of views."""
+"""`EmbedViews` and `ViewSimilarity`: embeddings and similarities by given callables."""
 
 from collections.abc import Callable
 from functools import partial

@@ -16,7 +16,7 @@ from toponav import keys
 from toponav.transforms.specs import KeyedTransform, Keys, SeededMixin
 
 #: When each reward pays. The text pays the first if the view is mapped to a waypoint,
-#: else the second: ``"exclusive"``. ``"sum"`` is the equation by the letter, which pays
+#: else the second: ``"exclusive"``. ``"sum"`` is the literal equation, which pays
 #: at least beta in every decision.
 Combine = Literal["exclusive", "sum"]
 

@@ -131,7 +131,7 @@ def test_the_lost_draw_from_all_actions_alike():
     assert draw(sampler, [0.0, 9.0, 0.0], 5).tolist() == [0.0, 1.0, 0.0]
 
 
-def test_futile_actions_are_left_out_until_all_are():
+def test_noop_actions_are_left_out_until_all_are():
     # The view never changes: each action is drawn once in three decisions.
     sampler = make_sampler(temperature=0.0, mask_noop_actions=True)
     known, view = torch.tensor([True]), torch.ones(1, 2)

@@ -5,10 +5,10 @@ import math
 import torch
 from torch import Tensor
 
-#: One in so many costs of a window may be below the level that counts as reached: some
-#: places are mistaken, and a few mistakes must not count.
+#: One in this many costs of a window may be below the level that counts as reached:
+#: some places are mistaken, and a few mistakes must not count.
 _MISTAKEN = 8
-# A cut is soon after another within so many times the patience.
+# A cut is soon after another within this many times the patience.
 _SOON = 2
 
 
@@ -47,7 +47,7 @@ class Progress:
         self._reach[agents] = 0
 
     def watch(self, place: Tensor, cost: Tensor) -> Tensor:
-        """Record place and remaining cost of each agent that walks; who is stuck."""
+        """Record place and remaining cost of each walking agent; which are stuck."""
         if self.patience is None:
             return torch.zeros(len(place), dtype=torch.bool)
         walks = (place >= 0) & cost.isfinite() & (cost > 0)

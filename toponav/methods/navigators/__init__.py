@@ -43,7 +43,7 @@ def make_policies(
 
 
 def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
-    """The settings of one who plays."""
+    """The settings of one policy."""
     chosen = settings.navigator
     if name in (CHOSEN, chosen.name):
         return chosen

@@ -1,4 +1,4 @@
-"""`NavigatorMethod`: what a navigator is to the rest of the house."""
+"""`NavigatorMethod`: the base type of navigators."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
