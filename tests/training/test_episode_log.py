@@ -84,3 +84,11 @@ def test_the_last_whole_episode_of_the_first_environment_is_kept() -> None:
     assert log.last_episode is not None
     assert log.last_episode.batch_size == (64,)
     assert torch.equal(log.last_episode["next", INTRINSIC_REWARD][32:], last)
+
+
+def test_episodes_that_run_have_covered_something_too() -> None:
+    config, log = explore_settings(), make_log(2)
+    batch = make_batch(config, envs=(0, 1))
+    coverage = batch["next", "privileged", "coverage"]
+    coverage[0, -1], coverage[1, -1] = 0.25, 0.5
+    assert log.extend(batch) == {"running_coverage": 0.375}

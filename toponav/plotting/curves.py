@@ -81,6 +81,9 @@ def draw_training(
     if has_coverage:
         axes = figure.add_subplot(grid[0, :6])
         _draw_episodes(axes, per_episode, "coverage", style.BLUE, window)
+        if _has_values(reported, "running_coverage"):
+            x, y = reported["decisions"], reported["running_coverage"]
+            axes.plot(x, y, c=style.SKY, lw=style.THIN, label="running episodes so far")
         style.add_levels(axes, {f"{name} {at:.0%}": at for name, at in levels.items()})
         style.show_percent(axes)
         heading = "Coverage of the training's episodes"

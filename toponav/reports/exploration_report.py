@@ -21,6 +21,9 @@ from toponav.training import EpisodeLog, ExplorationState, Row, mean_of
 #: Episodes over which return and coverage are correlated.
 _CORRELATED = 100
 _START = {"decisions": 0, "seconds": 0.0}
+#: Columns by other words in the progress bar.
+_WORDS = {"running_coverage": "running coverage", "intrinsic_return": "return"}
+_WORDS |= {"loss_objective": "objective", "loss_critic": "critic"}
 
 
 @dataclass
@@ -128,14 +131,16 @@ def format_progress(row: Row) -> str:
     """A row of metrics in a few words; before the first episode ended, its losses.
 
     Examples:
-        >>> row = {"coverage": math.nan, "intrinsic_return": 70.2, "loss_critic": 0.1}
+        >>> row = {"coverage": math.nan, "running_coverage": 0.1, "loss_critic": 0.1}
         >>> format_progress(row | {"loss_objective": -0.004, "entropy": 1.75})
-        'return 70, objective -0.004, critic 0.100, entropy 1.75'
+        'running coverage 10%, objective -0.004, critic 0.100, entropy 1.75'
     """
-    formats = {"coverage": ".0%", "waypoints": ".0f", "intrinsic_return": ".0f"}
+    # Until the first episode ends, what those that run have covered.
+    first = "running_coverage" if math.isnan(row.get("coverage", 0.0)) else "coverage"
+    formats = {first: ".0%", "waypoints": ".0f", "intrinsic_return": ".0f"}
     formats |= {"loss_objective": ".3f", "loss_critic": ".3f", "entropy": ".2f"}
     return ", ".join(
-        f"{name.removeprefix('loss_').removeprefix('intrinsic_')} {row[name]:{form}}"
+        f"{_WORDS.get(name, name)} {row[name]:{form}}"
         for name, form in formats.items()
         if not math.isnan(row.get(name, math.nan))
     )

@@ -52,7 +52,11 @@ class EpisodeLog(Consumer):
         self.last_episode: TensorDictBase | None = None
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
-        """Count a batch ``[E, T]``; the episodes that it finished are in `ended`."""
+        """Count a batch ``[E, T]``; the episodes that it finished are in `ended`.
+
+        Returns:
+            With ground truth, how much the episodes that run have covered, a mean.
+        """
         self.decisions += batch.numel()
         later = batch.get("next")
         summed = [later.get(key).squeeze(-1) for key in self.sums.values()]
@@ -71,7 +75,9 @@ class EpisodeLog(Consumer):
         self._totals[:, envs] += (rewards * rest).sum(-1)
         self._keep_first(batch, envs, done)
         self.rows += self.ended
-        return {}
+        if "coverage" not in self.ends:
+            return {}
+        return {"running_coverage": float(later.get(keys.COVERAGE)[:, -1].mean())}
 
     def _row(self, last: TensorDictBase, sums: Tensor) -> Row:
         later, version = last.get("next"), last.get(keys.NETWORKS_VERSION, None)
