@@ -36,6 +36,29 @@ def test_distances_are_uniform() -> None:
     assert (count - 2500).abs().max() < 4 * 43
 
 
+def test_exact_pairs_are_all_k_decisions_apart() -> None:
+    episodes = Episodes.from_lengths([5, 9, 3])
+    place, _ = LPairs(4, exact=True).draw(episodes, 500, generator())
+    assert (place[:, 1] - place[:, 0] == 4).all()
+    # Of 5 views one has such a partner, of 9 five, of 3 none: six pairs, all alike.
+    anchors, counts = place[:, 0].unique(return_counts=True)
+    assert anchors.tolist() == [0, *range(5, 10)]
+    assert (counts - 500 / 6).abs().max() < 4 * 8.4
+    frames = TensorDict(
+        {
+            "embedding": torch.arange(5.0).unsqueeze(-1),
+            "action": torch.arange(5),
+            EPISODE: torch.tensor([0, 0, 0, 7, 7]),
+            STEP: torch.tensor([10, 11, 12, 11, 13]),
+        },
+        [5],
+    )
+    mined = LPairs(2, exact=True).mine(frames)
+    assert mined["anchor"].flatten().tolist() == [0.0, 3.0]
+    assert mined["other"].flatten().tolist() == [2.0, 4.0]
+    assert mined["weight"].tolist() == [0.5, 0.5]
+
+
 def test_the_same_seed_gives_the_same_pairs() -> None:
     episodes = Episodes.from_lengths([50, 60])
     one, two, three = (LPairs().draw(episodes, 64, generator(s))[0] for s in (1, 1, 2))

@@ -37,6 +37,7 @@ def pair_settings(**changes: object) -> PairsConfig:
         "k": 2,
         "m": 5,
         "locomotion_k": 3,
+        "locomotion_exact": False,
         "other_episode_share": 0.0,
         "mined": True,
         "per_update": 16,

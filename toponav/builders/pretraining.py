@@ -120,8 +120,9 @@ def pretraining_decisions(config: ExploreConfig) -> float:
 def pretraining_folder(config: ExploreConfig) -> Path:
     """Where a pre-training with these settings is kept; its name has their key."""
     maze, content = pretraining_maze(config), pretraining_overrides(config)
-    # Keys of earlier versions, which had one engine, are still valid.
-    content = [word for word in content if word != f"engine={DEFAULT_ENGINE}"]
+    # Keys of earlier versions, which knew nothing else, are still valid.
+    only = (f"engine={DEFAULT_ENGINE}", "pairs.locomotion_exact=false")
+    content = [word for word in content if word not in only]
     if maze.name == "file" and config.world.name == "maze":
         # A file may change under the same path.
         content.append(make_layout(maze).text)

@@ -117,6 +117,7 @@ class PairsConfig(Settings):
     k: int = at_least(1)
     m: int = at_least(2)
     locomotion_k: int = at_least(1)
+    locomotion_exact: bool = MISSING
     other_episode_share: float = between(0, 1)
     mined: bool = MISSING
     per_update: int = at_least(1)

@@ -127,8 +127,9 @@ class TCPairs:
 class LPairs:
     """The rule of the L-network's pairs ``(o_i, o_(i+j), a_i)``, and how to get them.
 
-    The distance j is uniform in 1..k, no pair spans two episodes, and the earlier view
-    always comes first: the action is the first one on the path.
+    The distance j is uniform in 1..k, or k itself if it is to be ``exact``; no pair
+    spans two episodes, and the earlier view always comes first: the action is the first
+    one on the path.
 
     Reference:
         The paper, "Navigation implementation", eq. 14; the uniform distance from
@@ -137,6 +138,7 @@ class LPairs:
 
     Args:
         max_action_distance: k, the largest distance in decisions.
+        exact: whether all pairs are k decisions apart.
 
     Examples:
         >>> place, _ = LPairs(4).draw(Episodes.from_lengths([9, 9]), 8, None)
@@ -146,11 +148,16 @@ class LPairs:
     """
 
     max_action_distance: int = 4
+    exact: bool = False
 
     def __post_init__(self) -> None:
         k = self.max_action_distance
         if k < 1:
             raise ValueError(f"max_action_distance must be at least 1, got {k}")
+
+    @property
+    def min_distance(self) -> int:
+        return self.max_action_distance if self.exact else 1
 
     def draw(
         self, episodes: Episodes, batch_size: int, generator: torch.Generator | None
@@ -158,12 +165,13 @@ class LPairs:
         """Draw pairs: places ``[P, 2]`` of anchor and other, in this order."""
         k = self.max_action_distance
         episodes.require(k + 1, "more than max_action_distance")
-        return draw_near(episodes, batch_size, k, generator), {}
+        least = self.min_distance
+        return draw_near(episodes, batch_size, k, generator, least=least), {}
 
     def mine(self, frames: TensorDictBase) -> TensorDict:
         """As `TCPairs.mine`, with ``action`` for ``label``; distances weigh alike."""
         same, gap = compare_steps(frames)
-        near = same & (gap >= 1) & (gap <= self.max_action_distance)
+        near = same & (gap >= self.min_distance) & (gap <= self.max_action_distance)
         pair = near.nonzero()
         weight = distance_weights(gap[near], self.max_action_distance)
         action = frames.get(ACTION).flatten()
@@ -234,10 +242,15 @@ def gather_pairs(
 
 
 def draw_near(
-    episodes: Episodes, num: int, k: int, generator: torch.Generator | None
+    episodes: Episodes,
+    num: int,
+    k: int,
+    generator: torch.Generator | None,
+    *,
+    least: int = 1,
 ) -> Tensor:
-    """Places ``[num, 2]`` of pairs, evenly 1..k decisions apart, the earlier first."""
-    distance = 1 + draw_below(torch.full((num,), k), generator)
+    """Places ``[num, 2]``, evenly ``least``..k decisions apart, the earlier first."""
+    distance = least + draw_below(torch.full((num,), k + 1 - least), generator)
     # A run of length L has L - j frames that have a partner j decisions later.
     room = (episodes.length.unsqueeze(-1) - distance).clamp(min=0)
     before = room.cumsum(0)

@@ -149,7 +149,7 @@ def make_pair_trainer(
     rule = TCPairs(pairs.k, pairs.m, other_episode_share=pairs.other_episode_share)
     drawing: dict[str, Any] = {
         "tc_pairs": rule,
-        "l_pairs": LPairs(pairs.locomotion_k),
+        "l_pairs": LPairs(pairs.locomotion_k, pairs.locomotion_exact),
         "generator": generator,
         "device": networks.device,
     }
