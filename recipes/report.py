@@ -4,10 +4,11 @@
 
 Runs that differ in their seeds alone are one group. Of each group, the table gives mean
 and interquartile mean with 95 % bootstrap intervals, and the mean of the five best,
-which is how the paper reports and which flatters. The folder gets ``report.md``,
-``report.csv`` and a figure: learning curves of explorations, goals that evaluations of
-navigation reached, accuracies of pre-trainings over the swept setting. Where it holds
-runs of several recipes, there is one of each for each of them.
+which is how the paper reports and which flatters. Where settings were drawn by chance
+(`log_uniform`), all draws are one group, and the five best stand below the table. The
+folder gets ``report.md``, ``report.csv`` and a figure: learning curves of explorations,
+goals that evaluations of navigation reached, accuracies of pre-trainings over the swept
+setting. Where it holds runs of several recipes, there is one of each for each of them.
 """
 
 import sys
@@ -51,8 +52,13 @@ def main(settings: SweepReportConfig, _: Path) -> None:
             draws=settings.draws,
         )
         table = markdown_table(scores)
-        left_out = "".join(f"\n- {sentence}" for sentence in report.left_out)
-        write_text(Path(f"{path}.md"), f"{table}{left_out}".rstrip() + "\n")
+        best = [
+            f"\n- best draw {at} of {one.subject}, {one.measure}: {mean:.1f}, {draw}"
+            for one in report.scores
+            for at, (mean, draw) in enumerate(one.best_draws, 1)
+        ]
+        below = [*best, *(f"\n- {sentence}" for sentence in report.left_out)]
+        write_text(Path(f"{path}.md"), f"{table}{''.join(below)}".rstrip() + "\n")
         write_text(Path(f"{path}.csv"), csv_table(scores))
         save_figure(report.figure, f"{path}.png")
         texts.append(f"{table}\nwritten to {path}.md, .csv and .png")

@@ -50,6 +50,25 @@ def test_a_sweep_gets_a_table_and_a_figure(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_five_best_draws_stand_below_the_table(tmp_path: Path) -> None:
+    for seed in range(6):
+        folder = make_exploration(tmp_path, seed=seed, best=[0.5 + 0.05 * seed])
+        (folder / "config/draws.yaml").write_text(f"loss.lr: {(seed + 1) / 1000}\n")
+    done = report(tmp_path, ".")
+    assert done.returncode == 0, done.stderr
+    table, _, entries = (tmp_path / "report.md").read_text().partition("\n\n")
+    assert "| top 5 draws |" in table.splitlines()[0]
+    lines = entries.splitlines()
+    assert lines[0] == "- best draw 1 of best, coverage (%): 75.0, loss.lr 0.006"
+    assert len(lines) == 10  # five of each of the two policies
+    with (tmp_path / "report.csv").open(newline="") as file:
+        first = next(csv.DictReader(file))
+    # All six, and all but the worst.
+    assert float(first["mean"]) == pytest.approx(62.5)
+    assert float(first["top_5_draws"]) == pytest.approx(65.0)
+
+
+@pytest.mark.slow
 def test_a_folder_with_runs_of_both_recipes_gets_two(tmp_path: Path) -> None:
     make_exploration(tmp_path / "a=1,b=2", best=[0.9])
     make_pretraining(tmp_path / "a=1,b=2", "k=2", mazes={"select": 0.9})

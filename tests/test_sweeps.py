@@ -5,7 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from filelock import FileLock
+from omegaconf import OmegaConf
+
+from toponav.runs import log_uniform
 
 TOUR = Path(__file__).parent.parent / "recipes" / "tour.py"
 
@@ -52,3 +56,27 @@ def test_a_sweep_goes_on_after_a_job_that_fails(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
     (job,) = [path for path in (tmp_path / "sweep").iterdir() if path.is_dir()]
     assert (job / "walk.gif").is_file()
+
+
+@pytest.mark.slow
+def test_draws_of_a_sweep_are_plain_numbers_in_its_runs(tmp_path: Path) -> None:
+    words = ["-m", "seed=3,4", "maze.paintings=${log_uniform:0.1,0.9}"]
+    done = tour(tmp_path, *words, "hydra.sweep.dir=sweep")
+    assert done.returncode == 0, done.stderr
+    drawn = []
+    for number in (3, 4):
+        (folder,) = (tmp_path / "sweep").glob(f"*seed={number}*")
+        config = yaml.safe_load((folder / "config" / "config.yaml").read_text())
+        drawn.append(config["maze"]["paintings"])
+        root = OmegaConf.create({"seed": number})
+        assert drawn[-1] == log_uniform(0.1, 0.9, _root_=root)
+        words = yaml.safe_load((folder / "config" / "overrides.yaml").read_text())
+        assert f"maze.paintings={drawn[-1]}" in words
+    assert drawn[0] != drawn[1]
+    done = tour(tmp_path, "maze.paintings=${log_uniform:2,1}", "hydra.run.dir=bad")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "tour: log_uniform must have two bounds, above 0 and the lower one first, got "
+        "2,1\n",
+    )
+    assert not (tmp_path / "bad").exists()

@@ -24,7 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from toponav.config import RECIPES, SettingsError, TrainingError, require
 from toponav.envs import EngineError
 from toponav.methods import METHODS, register
-from toponav.runs import alone_in, remove_unused
+from toponav.runs import alone_in, keep_draws, log_uniform, remove_unused
 
 Settings = TypeVar("Settings")
 
@@ -50,11 +50,10 @@ def recipe(
 ) -> Callable[[Callable[[Settings, Path], None]], Callable[[], None]]:
     """Make a function of (settings, run folder) the main function of a script.
 
-    Hydra composes ``conf/<name>.yaml`` and the command line, makes the run folder
-    and starts sweeps (``-m``). A bad setting is one sentence on standard error and
-    exit status 2. SIGTERM ends the run like ``sys.exit``, so that ``finally`` blocks do
-    their work. ``resume=<run folder>`` continues in that folder with its settings; what
-    the command line says beside it comes on top.
+    Hydra composes ``conf/<name>.yaml`` and the command line, makes the run folder and
+    starts sweeps (``-m``). A bad setting is one sentence on standard error and exit
+    status 2. SIGTERM ends the run like ``sys.exit``. ``resume=<run folder>`` continues
+    in that folder; what the command line says comes on top.
 
     Args:
         name: the recipe, a key of ``RECIPES``.
@@ -71,6 +70,7 @@ def recipe(
         def main() -> None:
             register()
             OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
+            OmegaConf.register_new_resolver("log_uniform", log_uniform, replace=True)
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
             # TorchRL logs every buffer that it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
@@ -103,15 +103,17 @@ def _run_job(
     # A recipe without settings in its folder writes beside the runs of others.
     own = None if job.output_subdir is None else folder / job.output_subdir
     world = OmegaConf.select(cfg, "world.name", default="maze")
+    words: Any = OmegaConf.to_container(job.overrides.task)
     try:
         # The lock comes first: without it a run must not remove the folder.
         with nullcontext() if own is None else alone_in(own):
             try:
-                for word in job.overrides.task:
+                for word in words:
                     key = word.lstrip("+~").partition("=")[0]
-                    rule = f"'{key}' must go with world=maze"
-                    of_maze = key.split(".")[0] == "maze"
-                    require(world == "maze" or not of_maze, rule, f"world={world}")
+                    good = world == "maze" or key.split(".")[0] != "maze"
+                    require(good, f"'{key}' must go with world=maze", f"world={world}")
+                if own is not None:
+                    keep_draws(own, cfg, words)
                 settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
                 function(settings, folder)
             except _REFUSALS:
@@ -123,8 +125,8 @@ def _run_job(
             with _one_sentence(name):
                 raise
         # Hydra goes on with the next job, and raises the first error at the end.
-        overrides = " ".join(job.overrides.task)
-        print(f"{name}: {_sentence(error, name)} ({overrides})", file=sys.stderr)  # noqa: T201
+        sentence = f"{_sentence(error, name)} ({' '.join(words)})"
+        print(f"{name}: {sentence}", file=sys.stderr)  # noqa: T201
         refused = isinstance(error, _REFUSALS)
         raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
 
@@ -175,10 +177,9 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
         f"'{folder}', which an earlier version (or another recipe) made with other "
         f"settings, '{other}'",
     )
-    first = [str(word) for word in OmegaConf.to_object(OmegaConf.load(overrides))]  # type: ignore[union-attr]
+    first: Any = OmegaConf.to_container(OmegaConf.load(overrides))
     kept = [word for word in first + arguments if not word.startswith("resume=")]
-    quoted = _quoted(folder)
-    return [*kept, f"resume={quoted}", f"hydra.run.dir={quoted}"]
+    return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
 
 
 def _leaves(entries: Any, prefix: str = "") -> Iterator[str]:

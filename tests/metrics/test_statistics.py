@@ -1,10 +1,19 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from rliable.metrics import aggregate_iqm
 
-from toponav.metrics import bootstrap, correlation, running_mean
+from toponav.metrics import (
+    Scores,
+    bootstrap,
+    correlation,
+    markdown_table,
+    running_mean,
+    summarize_scores,
+)
 from toponav.metrics.statistics import top_mean
 
 NAN = float("nan")
@@ -40,6 +49,25 @@ def test_the_top_five_are_picked_among_all() -> None:
 @given(arrays(np.float64, st.integers(5, 20), elements=FLOATS))
 def test_the_top_five_flatter(values: np.ndarray) -> None:
     assert top_mean(values) >= values.mean() - 1e-9
+
+
+def test_the_best_draws_are_those_of_runs_and_not_of_episodes() -> None:
+    # Seven draws with two episodes each: the best episode is not one of the best draw.
+    values = np.array([[1.0, 1], [2, 2], [0, 9], [4, 4], [5, 5], [6, 6], [7, 7]])
+    draws = [f"lr {number}" for number in range(7)]
+    scores = Scores({}, "best", "coverage (%)", values, draws=draws)
+    assert [draw for _, draw in scores.best_draws] == [
+        *("lr 6", "lr 5", "lr 4", "lr 2", "lr 3")
+    ]
+    table = summarize_scores([scores], subject="policy")
+    # 7, 6, 5, 4.5 and 4, beside the mean of all seven.
+    assert table["top_5_draws"][0] == pytest.approx(5.3)
+    assert table["mean"][0].value == pytest.approx(values.mean())
+    assert "| top 5 draws |" in markdown_table(table)
+    few = Scores({}, "best", "coverage (%)", values[:3], draws=draws[:3])
+    assert math.isnan(summarize_scores([few], subject="policy")["top_5_draws"][0])
+    plain = Scores({}, "best", "coverage (%)", values)
+    assert "top_5_draws" not in summarize_scores([plain], subject="policy")
 
 
 def test_an_interval_of_a_mean_is_that_of_the_normal_law() -> None:

@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 #: What Markdown calls these columns.
-_HEADS = {"mean": "mean (95 %)", "iqm": "IQM (95 %)", "top_5": "top 5"}
+_HEADS = {"mean": "mean (95 %)", "iqm": "IQM (95 %)"}
+_HEADS |= {"top_5": "top 5", "top_5_draws": "top 5 draws"}
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,16 @@ class Scores:
     values: Floats
     #: Other numbers; a name that ends in ``(%)`` gets one decimal place, others none.
     more: Mapping[str, float] = field(default_factory=dict)
+    #: What was drawn by chance for each of the R runs; empty if nothing was.
+    draws: Sequence[str] = ()
+
+    @property
+    def best_draws(self) -> list[tuple[float, str]]:
+        """Mean and draw of the five best runs, or of all if they are fewer."""
+        if len(self.draws) != len(self.values):
+            return []
+        means = self.values.mean(1).tolist()
+        return sorted(zip(means, self.draws, strict=True), reverse=True)[:5]
 
 
 def summarize_scores(
@@ -139,8 +150,9 @@ def summarize_scores(
 
     ``mean`` and ``iqm``, the interquartile mean, are `Estimate` with 95 % intervals of
     ``draws`` bootstrap samples; ``top_5`` is the mean of the five largest values, NaN
-    if there are fewer. ``subject`` and ``unit`` name the columns of the subjects and of
-    the counts.
+    if there are fewer. Where settings were drawn by chance, ``top_5_draws`` is the mean
+    of the five best draws, which the paper keeps. ``subject`` and ``unit`` name the
+    columns of the subjects and of the counts.
 
     Examples:
         >>> values = np.array([[80.0, 90.0], [70.0, 80.0]])
@@ -151,6 +163,7 @@ def summarize_scores(
     """
     settings = dict.fromkeys(name for one in groups for name in one.settings)
     more = dict.fromkeys(name for one in groups for name in one.more)
+    drawn = ["top_5_draws"] if any(one.draws for one in groups) else []
     return pd.DataFrame(
         {
             **{name: one.settings.get(name, "") for name in settings},
@@ -159,6 +172,7 @@ def summarize_scores(
             "mean": bootstrap(one.values, draws=draws),
             "iqm": bootstrap(one.values, aggregate_iqm, draws=draws),
             "top_5": top_mean(one.values),
+            **{name: top_mean([best for best, _ in one.best_draws]) for name in drawn},
             **{name: one.more.get(name, math.nan) for name in more},
             "runs": len(one.values) if one.values.ndim == 2 else None,
             unit: one.values.size,
@@ -197,7 +211,7 @@ def markdown_table(table: pd.DataFrame) -> str:
 
 def _text(name: str, value: object) -> str:
     if isinstance(value, float):
-        places = 1 if name.endswith("(%)") or name == "top_5" else 0
+        places = 1 if name.endswith("(%)") or name[:5] == "top_5" else 0
         return "-" if math.isnan(value) else f"{value:,.{places}f}"
     return "-" if value is None else str(value)
 

@@ -4,7 +4,7 @@ A report is made of runs of one recipe; ``title`` stands over its figure.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -59,9 +59,13 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         for maze, percent in table.groupby(level=0, sort=False):
             more = _other_shares(percent.dropna(axis=1, how="all"))
             tc, locomotion = percent[["accuracy", "locomotion_accuracy"]].to_numpy().T
+            draws = draws_of(members)
             scores += [
-                Scores(settings, str(maze), "TC accuracy (%)", tc[:, None], more),
-                Scores(settings, str(maze), "L accuracy (%)", locomotion[:, None]),
+                Scores(settings, str(maze), name, values[:, None], others, draws)
+                for name, values, others in (
+                    ("TC accuracy (%)", tc, more),
+                    ("L accuracy (%)", locomotion, {}),
+                )
             ]
     label = "accuracy on held-out episodes (%)"
     figure = draw_scores(scores, names, line="measure", label=label, title=title)
@@ -133,7 +137,8 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         panel = panels.setdefault(label_of(maze), {})
         for settings, members in group_runs(in_maze, others):
             explorations = [results[run] for run in members]
-            scores += _learned_scores({**maze, **settings}, explorations, label)
+            learned = _learned_scores({**maze, **settings}, explorations, label)
+            scores += [replace(one, draws=draws_of(members)) for one in learned]
             panel[label_of(settings)] = [_training_curve(one) for one in explorations]
         scripted = _scripted_scores(maze, [results[run] for run in in_maze], label)
         scores += scripted
@@ -271,6 +276,12 @@ def label_of(settings: Mapping[str, str]) -> str:
         value if name in ("maze", "in") else f"{name} {value}"
         for name, value in settings.items()
     )
+
+
+def draws_of(runs: Sequence[Run]) -> list[str]:
+    """What was drawn for each of the runs, none if for one of them nothing was."""
+    draws = [label_of(run.drawn) for run in runs]
+    return draws if all(draws) else []
 
 
 def read_all(

@@ -1,5 +1,6 @@
 """What a run leaves on disk: folders, checkpoints, tables."""
 
+from toponav.runs.draws import keep_draws as keep_draws, log_uniform as log_uniform
 from toponav.runs.files import (
     CHECKPOINT_FILE as CHECKPOINT_FILE,
     Figures as Figures,

@@ -14,6 +14,7 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
 from toponav.config import require
+from toponav.runs.draws import read_draws
 
 # Settings in which the runs of one group may differ.
 _NOT_SETTINGS = ("seed", "resume")
@@ -27,7 +28,8 @@ class BrokenRunError(ValueError):
 class Run:
     """A run folder and the settings that it was started with.
 
-    ``given`` holds those of its command line, without seed and ``resume``.
+    ``given`` holds those of its command line, without seed, ``resume`` and ``drawn``:
+    settings that `log_uniform` drew, with their numbers.
     """
 
     folder: Path
@@ -35,6 +37,7 @@ class Run:
     seed: int
     given: Mapping[str, str]
     config: DictConfig
+    drawn: Mapping[str, str]
 
     def setting(self, name: str) -> str:
         """The value of a setting, whether or not the command line gave it."""
@@ -76,7 +79,10 @@ def find_runs(folder: Path) -> list[Run]:
 
 
 def _read_run(folder: Path) -> Run:
-    words = OmegaConf.load(folder / "config/overrides.yaml")
+    file = OmegaConf.load(folder / "config/overrides.yaml")
+    # Words with an interpolation are kept as they are.
+    words: list[str] = OmegaConf.to_container(file)  # type: ignore[assignment]
+    drawn = read_draws(folder / "config")
     pairs = [str(word).lstrip("+~").partition("=") for word in words]
     hydra = OmegaConf.load(folder / "config/hydra.yaml")
     config = OmegaConf.load(folder / "config/config.yaml")
@@ -85,8 +91,13 @@ def _read_run(folder: Path) -> Run:
         folder,
         recipe=str(OmegaConf.select(hydra, "hydra.job.config_name")),
         seed=int(config.get("seed", 0)),
-        given={name: value for name, _, value in pairs if name not in _NOT_SETTINGS},
+        given={
+            name: value
+            for name, _, value in pairs
+            if name not in _NOT_SETTINGS and name not in drawn
+        },
         config=config,
+        drawn=drawn,
     )
 
 
