@@ -66,7 +66,7 @@ def test_a_run_keeps_plain_numbers(tmp_path: Path, word: str) -> None:
     assert yaml.safe_load((folder / "config/overrides.yaml").read_text()) == words
     assert resumed_arguments([f"resume={folder}"], "explore")[:3] == words
     (run,) = find_runs(tmp_path)
-    assert run.drawn == {"loss.lr": "0.0001107"}
+    assert run.drawn == {"loss.lr": 0.0001107}
     assert run.given == {"maze": "maze1"}
 
 

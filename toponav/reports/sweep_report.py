@@ -59,13 +59,12 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         for maze, percent in table.groupby(level=0, sort=False):
             more = _other_shares(percent.dropna(axis=1, how="all"))
             tc, locomotion = percent[["accuracy", "locomotion_accuracy"]].to_numpy().T
-            draws = draws_of(members)
+            draws, l_values = draws_of(members), locomotion[:, None]
             scores += [
-                Scores(settings, str(maze), name, values[:, None], others, draws)
-                for name, values, others in (
-                    ("TC accuracy (%)", tc, more),
-                    ("L accuracy (%)", locomotion, {}),
-                )
+                Scores(
+                    settings, str(maze), "TC accuracy (%)", tc[:, None], more, draws
+                ),
+                Scores(settings, str(maze), "L accuracy (%)", l_values, {}, draws),
             ]
     label = "accuracy on held-out episodes (%)"
     figure = draw_scores(scores, names, line="measure", label=label, title=title)
@@ -270,10 +269,10 @@ def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     return SweepReport("policy", "episodes", scores, figure, left_out)
 
 
-def label_of(settings: Mapping[str, str]) -> str:
+def label_of(settings: Mapping[str, object]) -> str:
     """Settings as a heading or a name in a legend."""
     return ", ".join(
-        value if name in ("maze", "in") else f"{name} {value}"
+        str(value) if name in ("maze", "in") else f"{name} {value}"
         for name, value in settings.items()
     )
 

@@ -12,7 +12,7 @@ from toponav.config import require
 from toponav.runs.files import write_text
 
 #: Beside the settings of a run: those that were drawn, and their numbers.
-_FILE = "draws.yaml"
+DRAWS_FILE = "draws.yaml"
 
 
 def log_uniform(low: float, high: float, *, _root_: DictConfig) -> float:
@@ -51,14 +51,6 @@ def keep_draws(folder: Path, config: DictConfig, words: Sequence[str]) -> None:
             OmegaConf.update(config, name, drawn[name])
             kept[at] = f"{name}={drawn[name]}"
     if drawn:
-        files = {"config.yaml": config, "overrides.yaml": kept, _FILE: drawn}
+        files = {"config.yaml": config, "overrides.yaml": kept, DRAWS_FILE: drawn}
         for file, content in files.items():
             write_text(folder / file, OmegaConf.to_yaml(content))
-
-
-def read_draws(folder: Path) -> dict[str, str]:
-    """The settings that `keep_draws` wrote, none if nothing was drawn."""
-    file = folder / _FILE
-    if not file.is_file():
-        return {}
-    return {str(name): f"{value:g}" for name, value in OmegaConf.load(file).items()}

@@ -8,13 +8,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
 from toponav.config import require
-from toponav.runs.draws import read_draws
+from toponav.runs.draws import DRAWS_FILE
 
 # Settings in which the runs of one group may differ.
 _NOT_SETTINGS = ("seed", "resume")
@@ -37,7 +38,7 @@ class Run:
     seed: int
     given: Mapping[str, str]
     config: DictConfig
-    drawn: Mapping[str, str]
+    drawn: Mapping[str, float]
 
     def setting(self, name: str) -> str:
         """The value of a setting, whether or not the command line gave it."""
@@ -79,23 +80,21 @@ def find_runs(folder: Path) -> list[Run]:
 
 
 def _read_run(folder: Path) -> Run:
-    file = OmegaConf.load(folder / "config/overrides.yaml")
+    saved = folder / "config"
     # Words with an interpolation are kept as they are.
-    words: list[str] = OmegaConf.to_container(file)  # type: ignore[assignment]
-    drawn = read_draws(folder / "config")
+    words: Any = OmegaConf.to_container(OmegaConf.load(saved / "overrides.yaml"))
+    file = saved / DRAWS_FILE
+    drawn: Any = OmegaConf.to_container(OmegaConf.load(file)) if file.is_file() else {}
     pairs = [str(word).lstrip("+~").partition("=") for word in words]
-    hydra = OmegaConf.load(folder / "config/hydra.yaml")
-    config = OmegaConf.load(folder / "config/config.yaml")
+    hidden = {*_NOT_SETTINGS, *drawn}
+    hydra = OmegaConf.load(saved / "hydra.yaml")
+    config = OmegaConf.load(saved / "config.yaml")
     assert isinstance(config, DictConfig)
     return Run(
         folder,
         recipe=str(OmegaConf.select(hydra, "hydra.job.config_name")),
         seed=int(config.get("seed", 0)),
-        given={
-            name: value
-            for name, _, value in pairs
-            if name not in _NOT_SETTINGS and name not in drawn
-        },
+        given={name: value for name, _, value in pairs if name not in hidden},
         config=config,
         drawn=drawn,
     )

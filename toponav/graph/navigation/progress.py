@@ -76,7 +76,7 @@ class EdgeProgress:
 
     An agent is *stuck* once ``patience`` decisions brought it to no waypoint of a lower
     remaining cost than that where it came nearest to the goal: it did not pass the edge
-    that leads on from there. What it gives up is this edge alone.
+    that leads on from there, and gives up this one alone.
 
     Reference:
         The paper, "Goal reaching process" and Fig. 11.
