@@ -74,7 +74,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     # Episodes that no training sees, to validate on.
     held_out = collect_held_out(settings, worlds)
     validate = Validation(networks, settings, held_out, autocast=autocast)
-    loggers = make_loggers(folder)
+    loggers = make_loggers(folder, trainer.updates)
     decisions, saved = 0, time.monotonic()
 
     def measure() -> dict[str, float]:

@@ -2,11 +2,38 @@ import time
 from collections import defaultdict
 
 import pytest
+from torchrl.collectors import _multi_base
 from torchrl.weight_update import NoWeightSyncScheme
 
 from tests.collectors.workers import EchoPolicy, make_counting_env
 from toponav.collectors import PatientAsyncCollector
 from toponav.keys import TRAJECTORY
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_there_is_room_for_one_batch_of_every_process(
+    workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Context:
+        """Of multiprocessing: says how long a queue is wanted, and starts nothing."""
+
+        def get_start_method(self) -> str:
+            return "spawn"
+
+        def Queue(self, length: int) -> None:  # noqa: N802
+            raise InterruptedError(length)
+
+    monkeypatch.setattr(_multi_base, "_get_mp_ctx", Context)
+    with pytest.raises(InterruptedError) as found:
+        PatientAsyncCollector(
+            [make_counting_env] * workers,
+            policy_factory=EchoPolicy,
+            frames_per_batch=24,
+            total_frames=-1,
+            weight_sync_schemes={"policy": NoWeightSyncScheme()},
+            auto_register_policy_transforms=False,
+        )
+    assert found.value.args == (workers,)
 
 
 @pytest.mark.slow

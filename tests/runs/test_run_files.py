@@ -1,6 +1,8 @@
 import csv
 from pathlib import Path
 
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
 from toponav.reports import write_measurements
 from toponav.runs import make_loggers, write_history
 
@@ -11,7 +13,7 @@ def measurement(update: int, **more: float) -> dict[str, float]:
 
 def test_measurements_are_a_table_a_picture_and_logs(tmp_path: Path) -> None:
     history = [measurement(1), measurement(2)]
-    write_measurements(tmp_path, make_loggers(tmp_path), history)
+    write_measurements(tmp_path, make_loggers(tmp_path, 0), history)
     with (tmp_path / "metrics.csv").open() as file:
         assert [row["loss_tc"] for row in csv.DictReader(file)] == ["0.7", "0.35"]
     assert (tmp_path / "curves.png").stat().st_size > 1000
@@ -19,11 +21,24 @@ def test_measurements_are_a_table_a_picture_and_logs(tmp_path: Path) -> None:
     assert log.read_text() == "2,0.35\n"
 
 
-def test_logs_go_on_after_a_restart(tmp_path: Path) -> None:
-    for update in (1, 2):
-        write_measurements(tmp_path, make_loggers(tmp_path), [measurement(update)])
+def test_what_was_logged_after_a_checkpoint_is_not_there_twice(tmp_path: Path) -> None:
+    # The first run is cut off after update 4, and goes on from a checkpoint of 2.
+    for start, *updates in ((0, 1, 2, 4), (2, 4, 5)):
+        loggers = make_loggers(tmp_path, start)
+        for update in updates:
+            write_measurements(tmp_path, loggers, [measurement(update)])
+        for logger in loggers:
+            getattr(logger.experiment, "flush", str)()
+        if not start:
+            half = tmp_path / "logs/csv/scalars/pretrain/l_accuracy_1.csv"
+            half.write_text(half.read_text() + "5,0.")
     log = tmp_path / "logs/csv/scalars/pretrain/loss_tc.csv"
-    assert log.read_text() == "1,0.7\n2,0.35\n"
+    logged = [line.partition(",")[0] for line in log.read_text().splitlines()]
+    assert logged == ["1", "2", "4", "5"]
+    assert half.read_text() == "1,0.5\n2,0.5\n4,0.5\n5,0.5\n"
+    board = EventAccumulator(str(tmp_path / "logs/tensorboard")).Reload()
+    steps = [one.step for one in board.Scalars("pretrain/loss_tc")]
+    assert steps == [1, 2, 4, 5]
 
 
 def test_rows_that_lack_a_column_leave_it_empty(tmp_path: Path) -> None:

@@ -56,7 +56,10 @@ def test_a_restored_training_goes_on_as_if_nothing_had_happened(tmp_path: Path) 
     trainer.step()
     history = [{"update": 1, "loss_tc": 0.5}]
     save_training(tmp_path, one, trainer, history)
+    drawn = torch.rand(1)
+    torch.manual_seed(99)
     assert restore_training(tmp_path, other, restored) == history
+    assert torch.equal(torch.rand(1), drawn)  # the random state too
     assert restored.updates == 1
     assert trainer.step() == restored.step()
     for name, weight in one.modules.state_dict().items():

@@ -41,7 +41,7 @@ class ExplorationReport:
     consumers: Mapping[str, Consumer]
 
     def __post_init__(self) -> None:
-        self.loggers = make_loggers(self.folder)
+        self.loggers = make_loggers(self.folder, self.state.decisions)
         self.bar = tqdm(
             desc="explore",
             total=self.settings.collect.decisions,

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import torch
 from numpy.typing import ArrayLike
+from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from torchrl.record.loggers import CSVLogger, Logger, TensorboardLogger
 
 from toponav.config import SettingsError, require
@@ -101,13 +102,22 @@ def _reason(error: Exception) -> str:
     return (str(error).strip() or "empty").splitlines()[0][:80]
 
 
-def make_loggers(folder: Path) -> list[Logger]:
+def make_loggers(folder: Path, last_step: int) -> list[Logger]:
     """TorchRL's loggers: ``logs/csv`` (a file a name) and ``logs/tensorboard``.
 
-    A resumed run appends to both.
+    A resumed run appends to both. What was logged after ``last_step``, which it does
+    again, goes from the one, and TensorBoard leaves it out.
     """
-    logs = str(folder / "logs")
-    return [CSVLogger("csv", log_dir=logs), TensorboardLogger("tensorboard", logs)]
+    logs = folder / "logs"
+    for path in logs.glob("csv/scalars/**/*.csv"):
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        whole = [line for line in lines if line.endswith("\n")]
+        kept = [line for line in whole if int(line.partition(",")[0]) <= last_step]
+        write_text(path, "".join(kept))
+    board = TensorboardLogger("tensorboard", str(logs))
+    event = Event(step=last_step + 1, session_log=SessionLog(status=SessionLog.START))
+    board.experiment.file_writer.add_event(event)
+    return [CSVLogger("csv", log_dir=str(logs)), board]
 
 
 def write_history(path: Path, history: Sequence[Figures]) -> None:
