@@ -16,15 +16,8 @@ class Episodes:
 
     Frame ``t`` of run ``r`` is row ``order[start[r] + t]`` of the storage. A run is a
     whole episode, or what a ring buffer has left of one. An episode with missing frames
-    is split into several runs, which lie side by side and share their group.
-
-    Args:
-        order: int64 ``[N]``; rows of the storage, flat over all its dimensions.
-        start: int64 ``[R]``; first place of each run in ``order``, ascending.
-        length: int64 ``[R]``; decisions in each run.
-        first_step: int64 ``[R]``; number of each run's first decision in its episode.
-        group_start: int64 ``[R]``; first place of the run's episode in ``order``.
-        group_length: int64 ``[R]``; frames of the run's episode.
+    is split into several runs, which lie side by side and share their group. All
+    entries are int64.
 
     Examples:
         >>> episodes = Episodes.from_lengths([3, 2])
@@ -32,12 +25,12 @@ class Episodes:
         (tensor([0, 3]), tensor([0, 0, 1]))
     """
 
-    order: Tensor
-    start: Tensor
-    length: Tensor
-    first_step: Tensor
-    group_start: Tensor
-    group_length: Tensor
+    order: Tensor  # [N]; rows of the storage, flat over all its dimensions
+    start: Tensor  # [R]; first place of each run in `order`, ascending
+    length: Tensor  # [R]; decisions in each run
+    first_step: Tensor  # [R]; number of each run's first decision in its episode
+    group_start: Tensor  # [R]; first place of the run's episode in `order`
+    group_length: Tensor  # [R]; frames of the run's episode
 
     @classmethod
     def from_lengths(cls, length: list[int]) -> "Episodes":

@@ -13,17 +13,13 @@ from toponav.keys import ACTION, HEADING, LABEL, NETWORK_PIXELS, POSITION
 
 @dataclass(frozen=True)
 class PairSet:
-    """Pairs of held-out frames; each entry is ``[P]``."""
+    """Pairs of held-out frames; each entry is ``[P]``, int64 but for the labels."""
 
-    #: int64; numbers of the anchors and of the others among the flattened frames.
-    first: Tensor
-    second: Tensor
-    #: int64; decisions between them, 0 for frames of two episodes.
-    distance: Tensor
-    #: float32; of TC pairs, else zeros.
-    label: Tensor
-    #: int64; the action taken at the anchor.
-    action: Tensor
+    first: Tensor  # numbers of the anchors among the flattened frames
+    second: Tensor  # and of the others
+    distance: Tensor  # decisions between them, 0 for frames of two episodes
+    label: Tensor  # float32; of TC pairs, else zeros
+    action: Tensor  # the one taken at the anchor
 
 
 class HeldOut:
@@ -57,7 +53,7 @@ class HeldOut:
         episodes = Episodes.from_lengths([self.length] * self.num_episodes)
         generator = torch.Generator().manual_seed(seed)
         place, extra = rule.draw(episodes, num_pairs, generator)
-        first, second = episodes.order[place].unbind(-1)
+        first, second = place.unbind(-1)
         same = first // self.length == second // self.length
         return PairSet(
             first,

@@ -25,12 +25,6 @@ class TCPairs:
         Savinov et al., "Episodic Curiosity through Reachability" (2019).
         https://arxiv.org/abs/1810.02274
 
-    Args:
-        max_action_distance: k, the largest distance of a positive pair in decisions.
-        negative_sample_multiplier: M; negatives are at least M * k decisions apart.
-        other_episode_share: share of the negatives whose views come from two
-            episodes, in [0, 1].
-
     Examples:
         >>> rule = TCPairs(max_action_distance=4, negative_sample_multiplier=5)
         >>> episodes = Episodes.from_lengths([30, 100])
@@ -39,9 +33,9 @@ class TCPairs:
         (torch.Size([6, 2]), 3.0)
     """
 
-    max_action_distance: int = 4
-    negative_sample_multiplier: int = 5
-    other_episode_share: float = 0.0
+    max_action_distance: int = 4  # k
+    negative_sample_multiplier: int = 5  # M
+    other_episode_share: float = 0.0  # of the negatives, views of two episodes
 
     def __post_init__(self) -> None:
         k, m = self.max_action_distance, self.negative_sample_multiplier
@@ -64,8 +58,8 @@ class TCPairs:
         """Draw pairs: places ``[P, 2]`` of anchor and other, and ``label`` ``[P]``."""
         k, m = self.max_action_distance, self.negative_sample_multiplier
         episodes.require(m * k + 1, f"more than M * k = {m} * {k}")
-        total = len(episodes.order)
-        if self.other_episode_share > 0 and total in episodes.group_length:
+        is_one_episode = len(episodes.order) in episodes.group_length
+        if self.other_episode_share > 0 and is_one_episode:
             raise ValueError(
                 "the buffer must hold at least two episodes to pair frames of "
                 "different ones, got one; collect more, or set other_episode_share=0"
@@ -75,17 +69,13 @@ class TCPairs:
         across = torch.rand(num_negatives, generator=generator)
         num_across = int((across < self.other_episode_share).sum())
         num_apart = num_negatives - num_across
-        place = torch.cat(
-            [
-                draw_near(episodes, num_positives, k, generator),
-                _draw_apart(episodes, num_apart, m * k, generator),
-                _draw_across(episodes, num_across, generator),
-            ]
-        )
-        swap = torch.rand(batch_size, generator=generator) < 0.5
-        place = torch.where(swap.unsqueeze(-1), place.flip(-1), place)
+        place = [
+            draw_near(episodes, num_positives, k, generator),
+            _draw_apart(episodes, num_apart, m * k, generator),
+            _draw_across(episodes, num_across, generator),
+        ]
         label = (torch.arange(batch_size) < num_positives).float()
-        return place, {LABEL: label}
+        return _swap_half(torch.cat(place), generator), {LABEL: label}
 
     def mine(
         self, frames: TensorDictBase, *, generator: torch.Generator | None = None
@@ -109,18 +99,14 @@ class TCPairs:
             if len(across) > (limit := max(len(far), len(positives))):
                 order = torch.randperm(len(across), generator=generator)
                 across = across[order[:limit]]
-        pair = torch.cat([positives, far, across])
-        swap = torch.rand(len(pair), generator=generator) < 0.5
-        pair = torch.where(swap.unsqueeze(-1), pair.flip(-1), pair)
-        weight = torch.cat(
-            [
-                0.5 * distance_weights(gap[near], self.max_action_distance),
-                torch.full((len(far),), 0.5 * (1 - share) / max(len(far), 1)),
-                torch.full((len(across),), 0.5 * share / max(len(across), 1)),
-            ]
-        )
+        pair = _swap_half(torch.cat([positives, far, across]), generator)
+        weights = [
+            0.5 * distance_weights(gap[near], self.max_action_distance),
+            torch.full((len(far),), 0.5 * (1 - share) / max(len(far), 1)),
+            torch.full((len(across),), 0.5 * share / max(len(across), 1)),
+        ]
         label = (torch.arange(len(pair)) < len(positives)).float()
-        return gather_pairs(frames, pair, {LABEL: label, WEIGHT: weight})
+        return gather_pairs(frames, pair, {LABEL: label, WEIGHT: torch.cat(weights)})
 
 
 @dataclass(frozen=True)
@@ -136,10 +122,6 @@ class LPairs:
         Savinov et al., "Semi-parametric Topological Memory" (2018).
         https://arxiv.org/abs/1803.00653
 
-    Args:
-        max_action_distance: k, the largest distance in decisions.
-        exact: whether all pairs are k decisions apart.
-
     Examples:
         >>> place, _ = LPairs(4).draw(Episodes.from_lengths([9, 9]), 8, None)
         >>> distance = place[:, 1] - place[:, 0]
@@ -147,7 +129,7 @@ class LPairs:
         True
     """
 
-    max_action_distance: int = 4
+    max_action_distance: int = 4  # k
     exact: bool = False
 
     def __post_init__(self) -> None:
@@ -175,11 +157,14 @@ class LPairs:
         pair = near.nonzero()
         weight = distance_weights(gap[near], self.max_action_distance)
         action = frames.get(ACTION).flatten()
-        entries = {
-            ACTION: action[pair[:, 0].to(action.device)],
-            WEIGHT: weight,
-        }
-        return gather_pairs(frames, pair, entries)
+        taken = action[pair[:, 0].to(action.device)]
+        return gather_pairs(frames, pair, {ACTION: taken, WEIGHT: weight})
+
+
+def _swap_half(pair: Tensor, generator: torch.Generator | None) -> Tensor:
+    """Pairs ``[P, 2]``, each in a random order."""
+    swap = torch.rand(len(pair), generator=generator) < 0.5
+    return torch.where(swap.unsqueeze(-1), pair.flip(-1), pair)
 
 
 def _draw_apart(

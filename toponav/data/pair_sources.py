@@ -25,11 +25,6 @@ class Chunks:
     and not twice in a batch while there are enough; chunks may overlap. A sample is
     ``[E, C * chunk_len]``, with ``episode`` and ``step``.
 
-    Args:
-        chunks_per_episode: number C of chunks.
-        chunk_len: frames in a chunk; more than the largest distance of a positive pair.
-        min_length: shorter episodes are left out; TC pairs need more than M * k.
-
     Examples:
         >>> episodes = Episodes.from_lengths([50, 80])
         >>> place, extra = Chunks(2, 5).draw(episodes, 20, None)
@@ -37,9 +32,9 @@ class Chunks:
         (torch.Size([2, 10]), torch.Size([2, 10]))
     """
 
-    chunks_per_episode: int = 4
-    chunk_len: int = 5
-    min_length: int = 21
+    chunks_per_episode: int = 4  # C
+    chunk_len: int = 5  # frames; more than the largest distance of a positive pair
+    min_length: int = 21  # of episodes that are used; TC pairs need more than M * k
 
     def __post_init__(self) -> None:
         if min(self.chunks_per_episode, self.chunk_len, self.min_length) < 1:
@@ -152,10 +147,8 @@ class SplitPairs(Transform):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         if tensordict.ndim < 2 or tensordict.shape[-1] != 2:
-            raise ValueError(
-                f"the sample must be of pairs, batch size [P, 2], got "
-                f"{list(tensordict.shape)}; give the buffer EpisodeSampler(TCPairs())"
-            )
+            got = f"{list(tensordict.shape)}; give the buffer EpisodeSampler(TCPairs())"
+            raise ValueError(f"the sample must be of pairs, [P, 2], got {got}")
         (in_key,) = self.in_keys
         first, second = tensordict.unbind(-1)
         pairs = first.exclude(in_key).set(keys.ANCHOR, first.get(in_key))
@@ -173,31 +166,19 @@ class MinedPairs:
     A call returns pairs *of embeddings* for the TC-network and for the L-network, with
     gradients to the encoders. Of the close and of the distant pairs at most half of
     ``max_pairs`` each are kept, drawn at random.
-
-    Args:
-        storage: frames with views, actions, trajectory and step numbers.
-        chunks: the shape of a batch.
-        num_frames: frames in a batch, a multiple of ``C * chunk_len``.
-        tc_pairs: the TC-network's rule.
-        l_pairs: the L-network's rule.
-        embed_tc: the TC-network's encoder.
-        embed_l: the L-network's, ``None`` if both share one.
-        max_pairs: most pairs of a call for each network, at least 2.
-        generator: source of the random numbers, torch's own by default.
-        device: where the frames go before they are embedded.
     """
 
-    storage: Storage
+    storage: Storage  # frames with views, actions, trajectory and step numbers
     chunks: Chunks
-    num_frames: int
+    num_frames: int  # in a batch, a multiple of C * chunk_len
     _: KW_ONLY
     tc_pairs: TCPairs
     l_pairs: LPairs
-    embed_tc: Embed
-    embed_l: Embed | None = None
-    max_pairs: int = 2048
-    generator: torch.Generator | None = None
-    device: torch.device | str = "cpu"
+    embed_tc: Embed  # the TC-network's encoder
+    embed_l: Embed | None = None  # the L-network's, `None` if both share one
+    max_pairs: int = 2048  # of a call for each network, at least 2
+    generator: torch.Generator | None = None  # torch's own by default
+    device: torch.device | str = "cpu"  # where the frames are embedded
 
     def __post_init__(self) -> None:
         if self.max_pairs < 2:
@@ -214,16 +195,13 @@ class MinedPairs:
         views = frames.pop(keys.NETWORK_PIXELS)
         frames.set(keys.EMBEDDING, self.embed_tc(views))
         pairs = self.tc_pairs.mine(frames, generator=self.generator)
-        tc_pairs = [
-            keep_some(
-                pairs[pairs[keys.LABEL] == label], self.max_pairs // 2, self.generator
-            )
-            for label in (1, 0)
-        ]
+        kinds = (pairs[pairs[keys.LABEL] == label] for label in (1, 0))
+        half, generator = self.max_pairs // 2, self.generator
+        tc_pairs = torch.cat([keep_some(kind, half, generator) for kind in kinds])
         if self.embed_l is not None:
             frames.set(keys.EMBEDDING, self.embed_l(views))
         l_pairs = self.l_pairs.mine(frames)
-        return torch.cat(tc_pairs), keep_some(l_pairs, self.max_pairs, self.generator)
+        return tc_pairs, keep_some(l_pairs, self.max_pairs, generator)
 
 
 @dataclass
