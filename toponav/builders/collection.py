@@ -71,10 +71,7 @@ def collect_frames(
     Each delivers batches of ``collect.batch`` decisions and stays at most one batch
     ahead. One process gives the same frames in the same order every time; several
     deliver in any order. Without ``needed`` no process is started, and there are none.
-
-    Raises:
-        EngineError: if the engine cannot start.
-        CollectionError: if a process dies or hangs.
+    Raises `CollectionError` if a process dies or hangs, `EngineError` if none starts.
     """
     if not needed:
         yield iter(())
@@ -126,8 +123,7 @@ def make_frame_buffer(
 ) -> TensorDictReplayBuffer:
     """The ring buffer of frames; pair sources read its storage.
 
-    Raises:
-        SettingsError: if it would be too small for a negative pair of each environment.
+    Raises `SettingsError` if it has no room for a negative pair of each environment.
     """
     collect, halve = config.collect, config.model.halve
     frames = frames_that_fit(collect.buffer_gb, world.view_size, halve=halve)
@@ -158,18 +154,12 @@ def collect_rollout(
     views: int = 0,
     progress: Callable[[int], object] | None = None,
 ) -> Rollout:
-    """Reset the environments and play; actions are sampled, as in training.
+    """Reset E environments and play T decisions, with actions sampled as in training.
 
-    Where an episode ends, the next one follows.
-
-    Args:
-        env: of batch size ``[E]``.
-        policy: reads what the environment writes.
-        decisions: number T of decisions.
-        keep: keys to keep of the moment of each decision; missing ones are skipped.
-        keep_next: keys to keep of the moment after it, under ``next``; likewise.
-        views: number V of views to keep of the first environment, at most T + 1.
-        progress: called with E after every decision.
+    Where an episode ends, the next one follows. Of the moment of each decision the keys
+    ``keep`` are kept, of the moment after it ``keep_next``, under ``next``; missing
+    ones are skipped. V ``views`` of the first environment are kept, at most T + 1.
+    ``progress`` is called with E after every decision.
     """
     frames: list[TensorDictBase] = []
     seen: list[Tensor] = []
@@ -198,9 +188,6 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
 
     The actions are uniform whatever policy the training walks with, so that the
     measurements of different runs compare.
-
-    Raises:
-        EngineError: if the engine cannot start.
     """
     episodes, decisions = config.validate.episodes, config.validate.decisions
     total, found = episodes * decisions, []

@@ -20,8 +20,7 @@ def make_map(
 ) -> TopologicalMap:
     """An empty map of a world; ``tc`` embeds and compares, in ``eval()`` mode.
 
-    Raises:
-        SettingsError: if a threshold was not calibrated, or does not fit the other.
+    Raises `SettingsError` if a threshold was not calibrated or does not fit the other.
     """
     threshold, reach = (
         threshold_of(f"map.{name}", getattr(config, name), {"auto": name}, thresholds)
@@ -42,10 +41,8 @@ def threshold_of(
 ) -> float:
     """The threshold that a setting gives, below 1.
 
-    ``value`` is a number, or one of ``words`` for one of the calibrated ``thresholds``.
-
-    Raises:
-        SettingsError: if it should be a calibrated one and there is none.
+    ``value`` is a number, or one of ``words`` for one of the calibrated ``thresholds``;
+    `SettingsError` if there is none.
 
     Examples:
         >>> threshold_of("map.tc_reach", "auto", {"auto": "reach"}, {"reach": 0.8})

@@ -16,11 +16,7 @@ from toponav.worlds import WorldSpec
 
 @refusing("")
 def make_layout(config: MazeConfig) -> Layout:
-    """The maze that a configuration names.
-
-    Raises:
-        SettingsError: if the maze is unknown, or its file or size is not valid.
-    """
+    """The maze that a configuration names; `SettingsError` if it is not valid."""
     if config.name == "file":
         assert config.path is not None  # MazeConfig checks it
         return load_layout_file(config.path)
@@ -32,11 +28,7 @@ def make_layout(config: MazeConfig) -> Layout:
 
 @refusing("")
 def engine_world(engine: str) -> WorldSpec:
-    """The numbers of the mazes on an engine.
-
-    Raises:
-        SettingsError: if no engine has this name.
-    """
+    """The numbers of the mazes on an engine; `SettingsError` if there is no such."""
     return load_engine(engine).world
 
 
@@ -52,9 +44,8 @@ def make_env(
 ) -> MazeEnv:
     """A batch of mazes on an engine; the other arguments are those of `MazeEnv`.
 
-    Raises:
-        SettingsError: if the settings do not fit the maze.
-        EngineError: if the engine is not installed or cannot load the maze.
+    Raises `SettingsError` if the settings do not fit the maze, and `EngineError` if the
+    engine is not installed or cannot load it.
     """
     layout = make_layout(config)
     engine_world(engine)  # refuses an unknown one

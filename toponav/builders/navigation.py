@@ -59,9 +59,8 @@ class GroundTruth:
 def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTruth]:
     """Read the run folder that ``run`` names.
 
-    Raises:
-        SettingsError: if it names no exploration, one without networks or waypoints, or
-            one of another maze than ``maze`` or for other views than ``engine`` draws.
+    Raises `SettingsError` if that is no exploration, one without networks or waypoints,
+    or one of another maze than ``maze`` or other views than ``engine`` draws.
     """
     where = run_setting(config.run, "world.name", "maze")
     rule = "run must name the exploration of a maze, which navigation needs"
@@ -136,10 +135,7 @@ def make_goal_places(
     """Choose pictures of every cell that is no slot and of which there are some.
 
     Whoever poses the task knows where each picture was taken; the agent gets the
-    pictures alone.
-
-    Raises:
-        SettingsError: if no cell has a picture.
+    pictures alone. Raises `SettingsError` if no cell has one.
     """
     slots = set(truth.layout.slots.values())
     cells = [cell for cell in truth.layout.cells if cell not in slots]
@@ -209,10 +205,6 @@ def make_navigation_env(
     """E mazes with a goal, its pictures, and all that a navigator reads.
 
     The ground truth is there too, for those who judge and for the oracle.
-
-    Raises:
-        SettingsError: if the settings do not fit the maze.
-        EngineError: if the engine cannot start.
     """
     env = make_env(
         config.maze,

@@ -64,10 +64,8 @@ class WalkWaypoints:
     @torch.no_grad()
     def __init__(self, embeddings: Tensor, network: Comparing) -> None:
         if embeddings.ndim != 2 or not len(embeddings):
-            got = tuple(embeddings.shape)
-            raise ValueError(
-                f"a sequence must be embeddings [T, D] with T >= 1, got {got}."
-            )
+            rule = "a sequence must be embeddings [T, D] with T >= 1"
+            raise ValueError(f"{rule}, got {tuple(embeddings.shape)}.")
         prepared = network.prepare_memory(embeddings)
         later = torch.full((len(embeddings), len(embeddings)), -1.0)
         for begin in range(0, len(embeddings), _CHUNK):

@@ -169,26 +169,22 @@ class WaypointGraph:
     def nearby(self, waypoint: int, most: int) -> list[int]:
         """Up to ``most`` nearest waypoints by edges, traversed ones first, in order."""
         if (waypoint, most) not in self._nearby:
-            found, front = [waypoint], [waypoint]
-            seen = {waypoint}
+            found, front = {waypoint: None}, [waypoint]
             while front and len(found) < most:
                 beside = {
                     other: not any(evidence["traversals"])
                     for one in front
                     for other, evidence in self._graph[one].items()
-                    if other not in seen
+                    if other not in found
                 }
                 front = sorted(beside, key=lambda other: (beside[other], other))
-                seen.update(front)
-                found += front
-            self._nearby[waypoint, most] = sorted(found[:most])
+                found |= dict.fromkeys(front)
+            self._nearby[waypoint, most] = sorted([*found][:most])
         return self._nearby[waypoint, most]
 
 
 def check_edges(edges: Tensor, num_waypoints: int) -> None:
     """Raise ``ValueError`` unless edges ``[E, 2]`` join waypoints of a map."""
     if len(edges) and not 0 <= int(edges.min()) <= int(edges.max()) < num_waypoints:
-        raise ValueError(
-            f"edges must join waypoints 0 to {num_waypoints - 1}, got "
-            f"{int(edges.min())} to {int(edges.max())}"
-        )
+        rule = f"edges must join waypoints 0 to {num_waypoints - 1}"
+        raise ValueError(f"{rule}, got {edges.min()} to {edges.max()}")

@@ -13,6 +13,8 @@ Compare = Callable[[Tensor, Tensor], Tensor]
 _VIEWS, _PAIRS = 64, 8192
 #: What rounding may add to a similarity of 0 or 1.
 _ROUNDING = 1e-3
+#: What is kept of each waypoint, beside its view.
+_ARRAYS = ("embeddings", "prepared", "origins")
 
 
 class Waypoints:
@@ -49,9 +51,7 @@ class Waypoints:
         number = len(self)
         if number and (image is None) != (not self._images):
             got = "without" if image is None else "with"
-            raise ValueError(
-                f"views must be given for all waypoints or for none, got one {got}"
-            )
+            raise ValueError(f"all waypoints must have views or none, got one {got}")
         row = embedding.unsqueeze(0).float()
         self.embeddings = torch.cat([self.embeddings, row])
         self.prepared = torch.cat([self.prepared, self.entries(row)])
@@ -69,18 +69,13 @@ class Waypoints:
 
     def state_dict(self) -> dict[str, Tensor]:
         """Copies of what is kept of each waypoint."""
-        return {
-            "embeddings": self.embeddings.clone(),
-            "prepared": self.prepared.clone(),
-            "images": self.images,
-            "origins": self.origins.clone(),
-        }
+        kept = {name: getattr(self, name).clone() for name in _ARRAYS}
+        return {**kept, "images": self.images}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Replace all waypoints by those of a `state_dict`."""
-        self.embeddings = state["embeddings"].clone()
-        self.prepared = state["prepared"].clone()
-        self.origins = state["origins"].clone()
+        for name in _ARRAYS:
+            setattr(self, name, state[name].clone())
         self._images = list(state["images"].clone())
 
     @torch.no_grad()
@@ -117,10 +112,8 @@ class Waypoints:
             low, high = (float(end) for end in found.aminmax())
             # A comparison with NaN is false.
             if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
-                raise ValueError(
-                    f"similarities must be in [0, 1], got {low:.3g} to {high:.3g} from "
-                    "compare()"
-                )
+                got = f"{low:.3g} to {high:.3g} from compare()"
+                raise ValueError(f"similarities must be in [0, 1], got {got}")
         return found.clamp_(0.0, 1.0)
 
     def similarities(self, embeddings: Tensor, nodes: Tensor | None = None) -> Tensor:
@@ -149,8 +142,6 @@ class Waypoints:
 def check_finite(embeddings: Tensor) -> None:
     """Raise ``ValueError`` for embeddings that would silently become new waypoints."""
     if not bool(embeddings.sum().isfinite()):
-        broken = int((~embeddings.isfinite()).any(-1).sum())
-        raise ValueError(
-            f"embeddings must be finite, got NaN or infinity for {broken} of "
-            f"{embeddings[..., 0].numel()} views"
-        )
+        is_broken = (~embeddings.isfinite()).any(-1)
+        got = f"NaN or infinity for {is_broken.sum()} of {is_broken.numel()} views"
+        raise ValueError(f"embeddings must be finite, got {got}")

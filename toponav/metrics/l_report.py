@@ -33,9 +33,8 @@ def useful_actions(
 ) -> Tensor:
     """Which actions bring the target's pose closer, bool ``[P, A]``.
 
-    The distance is straight and the motion free of walls: pairs of the L-network are a
-    few decisions apart and see each other. ``positions`` ``[P, 2]`` in map units and
-    ``headings`` ``[P]`` in degrees are those of the views and of the targets.
+    As in free space: pairs of the L-network see each other. ``positions`` ``[P, 2]`` in
+    map units and ``headings`` ``[P]`` in degrees are of the views and of the targets.
 
     Examples:
         >>> from toponav.worlds import Effect

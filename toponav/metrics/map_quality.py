@@ -71,14 +71,12 @@ def map_quality(
         raise ValueError(f"edges must be {wanted}, got {list(edges.shape)}")
     graph = rustworkx.PyGraph(multigraph=False)
     graph.add_nodes_from(range(len(poses)))
-    ends = edges.T.tolist()
-    graph.add_edges_from(list(zip(*ends, edge_cost.tolist(), strict=True)))
+    graph.add_edges_from([*zip(*edges.T.tolist(), edge_cost.tolist(), strict=True)])
     far = edge_lengths(distances, poses, edges) > far_cells * distances.cell_size
     generator = torch.Generator().manual_seed(seed)
     drawn = torch.randperm(len(poses), generator=generator)[:_SAMPLES]
-    stretches, farthest = _planned_paths(
-        distances, poses, graph, drawn.tolist(), generator
-    ).unbind(1)
+    paths = _planned_paths(distances, poses, graph, drawn.tolist(), generator)
+    stretches, farthest = paths.unbind(1)
     leads_wrong = farthest > far_cells * distances.cell_size
     return MapQuality(
         waypoints=len(poses),
@@ -95,11 +93,14 @@ def map_quality(
     )
 
 
+def _adjacency(num_waypoints: int, edges: Tensor) -> csr_array:
+    links = (np.ones(len(edges)), tuple(edges.numpy().T))
+    return csr_array(links, shape=(num_waypoints, num_waypoints))
+
+
 def map_parts(num_waypoints: int, edges: Tensor) -> dict[str, Any]:
     """`MapQuality.components` and ``largest_component``, which need no ground truth."""
-    ends = edges.numpy().T
-    shape = num_waypoints, num_waypoints
-    joined = csr_array((np.ones(len(edges)), (ends[0], ends[1])), shape=shape)
+    joined = _adjacency(num_waypoints, edges)
     num_parts, part = connected_components(joined, directed=False)
     largest = np.bincount(part).max() / num_waypoints if num_parts else np.nan
     return {"components": num_parts, "largest_component": float(largest)}
@@ -116,8 +117,7 @@ def edge_lengths(
     distances: GroundTruthDistances, poses: Tensor, edges: Tensor
 ) -> Tensor:
     """How far the ends of each edge are apart on foot, map units ``[E]``."""
-    one, other = poses[edges.T, :2]
-    return distances.geodesic(one, other)
+    return distances.geodesic(*poses[edges.T, :2])
 
 
 def _missing_edges(
@@ -136,11 +136,8 @@ def _missing_edges(
     row, other = pairs[edge_lengths(distances, poses, ends) <= limit].numpy().T
     if not len(row):
         return float("nan")
-    links = (np.ones(len(edges)), tuple(edges.numpy().T))
-    graph = csr_array(links, shape=(len(poses), len(poses)))
-    away = dijkstra(
-        graph, directed=False, indices=drawn.numpy(), unweighted=True, limit=hops
-    )
+    start, graph = drawn.numpy(), _adjacency(len(poses), edges)
+    away = dijkstra(graph, directed=False, indices=start, unweighted=True, limit=hops)
     return float(np.isinf(away[row, other]).mean())
 
 

@@ -103,9 +103,7 @@ def tc_report(
     """
     if not len(similarity) == len(label) == len(truth.distance):
         got = f"{len(similarity)}, {len(label)} and {len(truth.distance)}"
-        raise ValueError(
-            f"similarity, label and truth must be of one length, got {got}."
-        )
+        raise ValueError(f"similarity, label, truth must be of one length, got {got}.")
     if not ((similarity >= 0) & (similarity <= 1)).all():
         raise ValueError("similarity must lie in [0, 1].")
     positive, near = label > 0.5, similarity > 0.5
@@ -113,37 +111,36 @@ def tc_report(
         got = f"{int(positive.sum())} positives among {len(positive)} pairs"
         raise ValueError(f"both classes must occur, got {got}.")
     cells = truth.distance / cell_size
-    called_near = [
-        binned_mean(near[of], cells[of], DISTANCE_CELLS) for of in (positive, ~positive)
-    ]
+
+    def called_near(of: Tensor) -> Binned:
+        return binned_mean(near[of], cells[of], DISTANCE_CELLS)
+
     said = binned_mean(similarity, similarity, _PROBABILITIES)
     true = binned_mean(positive, similarity, _PROBABILITIES)
-    false_rate, true_rate, _ = roc_curve(
-        positive.numpy(), similarity.numpy(), drop_intermediate=False
-    )
+    judged = positive.numpy(), similarity.numpy()
+    false_rate, true_rate, _ = roc_curve(*judged, drop_intermediate=False)
     bins = (HEADINGS, DISTANCE_CELLS)
     plane = (truth.heading_difference.double(), cells.double(), bins)
     total, *_ = np.histogram2d(*plane, weights=similarity.double())
     count, *_ = np.histogram2d(*plane)
     counts = torch.from_numpy(count)
+    limit = max_action_distance
     gap = ((said.mean - true.mean).abs() * said.count).nansum()
     return TCReport(
         num_pairs=len(label),
         accuracy=float(balanced_accuracy_score(positive.numpy(), near.numpy())),
         positive_accuracy=_share(near[positive]),
         negative_accuracy=_share(~near[~positive]),
-        auc=float(roc_auc_score(positive.numpy(), similarity.numpy())),
+        auc=float(roc_auc_score(*judged)),
         calibration_error=float(gap / len(label)),
-        negatives_near=_share(truth.decisions[~positive] <= max_action_distance),
+        negatives_near=_share(truth.decisions[~positive] <= limit),
         # A step varies by a percent.
-        positives_far=_share(
-            truth.least_decisions[positive] > 1.02 * max_action_distance
-        ),
+        positives_far=_share(truth.least_decisions[positive] > 1.02 * limit),
         through_wall_rate=_share(near[truth.through_wall]),
         num_through_wall=int(truth.through_wall.sum()),
         by_distance=binned_mean(near == positive, cells, DISTANCE_CELLS),
-        positives_by_distance=called_near[0],
-        negatives_by_distance=called_near[1],
+        positives_by_distance=called_near(positive),
+        negatives_by_distance=called_near(~positive),
         roc=(torch.from_numpy(false_rate), torch.from_numpy(true_rate)),
         calibration=(said, true),
         similarity=torch.from_numpy(total) / counts,

@@ -80,9 +80,6 @@ def evaluate_policies(
 
     The blind baselines play ``evaluate.random_episodes``, the others
     ``evaluate.episodes``.
-
-    Raises:
-        EngineError: if the engine cannot start.
     """
     evaluate, length = settings.evaluate, world.episode_length
     wanted = {

@@ -60,20 +60,13 @@ def play_policies(
         keep_next=metrics.TRACE_NEXT_KEYS,
         views=config.video.decisions,
     )
-    traces = {
-        name: metrics.trace_navigation(one.frames) for name, one in played.items()
-    }
-    return [
-        NavigationEpisodes(
-            name,
-            traces[name],
-            metrics.measure_legs(traces[name], truth.distances),
-            views=one.views,
-            goal=one.start[GOAL_VIEWS][0],
-            map=getattr(policies[name], "map", None),
-        )
-        for name, one in played.items()
-    ]
+    found = []
+    for name, one in played.items():
+        trace = metrics.trace_navigation(one.frames)
+        legs = metrics.measure_legs(trace, truth.distances)
+        goal, plans_on = one.start[GOAL_VIEWS][0], getattr(policies[name], "map", None)
+        found.append(NavigationEpisodes(name, trace, legs, one.views, goal, plans_on))
+    return found
 
 
 def episode_table(episodes: NavigationEpisodes) -> pd.DataFrame:

@@ -26,11 +26,8 @@ def make_policies(
 ) -> dict[str, TensorDictModuleBase]:
     """Who plays, by name, in the order of ``evaluate.policies``.
 
-    Only methods that declare the ``truth`` get it.
-
-    Raises:
-        SettingsError: if a name is unknown, or is of a navigator with settings that
-            ``navigator`` does not choose.
+    Only methods that declare the ``truth`` get it. Raises `SettingsError` if a name is
+    unknown, or of a navigator with settings that ``navigator`` does not choose.
     """
     given = {"world": knowledge.world, "knowledge": knowledge, "truth": truth}
     policies = {}
@@ -49,12 +46,9 @@ def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
         return chosen
     known = (CHOSEN, *NAVIGATORS)
     require(name in known, f"evaluate.policies must be one of {', '.join(known)}", name)
-    require(
-        NAVIGATORS[name].schema is NavigatorConfig,
-        f"evaluate.policies must name a navigator without settings beside {CHOSEN}, "
-        f"which is navigator={chosen.name}",
-        name,
-    )
+    rule = "evaluate.policies must name a navigator without settings beside "
+    rule += f"{CHOSEN}, which is navigator={chosen.name}"
+    require(NAVIGATORS[name].schema is NavigatorConfig, rule, name)
     return NavigatorConfig(name=name)
 
 

@@ -14,20 +14,15 @@ Need = Literal["world", "knowledge", "truth"]
 
 @dataclass(frozen=True, kw_only=True)
 class NavigatorMethod:
-    """How one navigator is made, trained too if it must be.
+    """How one navigator is made, trained too if it must be."""
 
-    Args:
-        schema: of its settings in ``conf/navigator``; `NavigatorConfig` itself if it
-            has none.
-        needs: what `make` gets by these names: ``world`` (`WorldSpec`), ``knowledge``
-            (`AgentKnowledge`: map and networks), ``truth`` (`GroundTruth`: for
-            baselines alone, never for an agent).
-        make: from the settings, what it needs and ``seed`` to a policy that reads what
-            `make_navigation_env` writes.
-        warn_of_goals: from the policy to a sentence about goals that it cannot know.
-    """
-
+    #: Of its settings in ``conf/navigator``; `NavigatorConfig` itself if it has none.
     schema: type[NavigatorConfig]
+    #: What `make` gets by these names: `WorldSpec`, `AgentKnowledge` or `GroundTruth`;
+    #: the last is for baselines alone, never for an agent.
     needs: tuple[Need, ...] = ()
+    #: From the settings, what it needs and ``seed`` to a policy that reads what
+    #: `make_navigation_env` writes.
     make: Callable[..., TensorDictModuleBase]
+    #: From the policy to a sentence about goals that it cannot know.
     warn_of_goals: Callable[[Any, GoalPlaces], str | None] | None = None

@@ -24,7 +24,6 @@ def make_reward(
 ) -> RewardMethod:
     """The reward method that the settings name; its arguments are `RewardMethod`'s.
 
-    Raises:
-        SettingsError: if the method does not fit the world or the networks.
+    Raises `SettingsError` if it does not fit the world or the networks.
     """
     return REWARDS[settings.reward.name](settings, world, networks)

@@ -8,11 +8,8 @@ from toponav.keys import COVERAGE_REWARD
 class CoverageMethod(RewardMethod):
     """An upper bound: the ground truth is the reward, never an observation.
 
-    The key is written by the ``Coverage`` transform, which every environment with
-    ground truth has.
-
-    Raises:
-        SettingsError: in a world without ground truth.
+    The ``Coverage`` transform of every environment with ground truth writes the key; in
+    a world without any, this is a `SettingsError`.
     """
 
     selection_metric = "coverage"
@@ -22,8 +19,5 @@ class CoverageMethod(RewardMethod):
         self, settings: ExploreConfig, world: World, networks: Networks | None
     ) -> None:
         super().__init__(settings, world, networks)
-        require(
-            world.spec.has_truth,
-            "reward=coverage must be used in a world that tells poses",
-            world.name,
-        )
+        rule = "reward=coverage must be used in a world that tells poses"
+        require(world.spec.has_truth, rule, world.name)

@@ -61,8 +61,7 @@ class NoveltyConfig(RewardConfig):
 class NoveltyMethod(RewardMethod):
     """Known places pay by their visits (eq. 6), new ones by temporal distance (eq. 7).
 
-    Raises:
-        SettingsError: if the threshold should be a calibrated one and there is none.
+    `SettingsError` if the threshold should be a calibrated one and there is none.
     """
 
     schema = NoveltyConfig

@@ -19,12 +19,7 @@ class GymWorldConfig(WorldConfig):
 
 
 class GymWorld(World):
-    """A Gymnasium environment, without ground truth.
-
-    Raises:
-        SettingsError: if there is no such environment, it has no pixels, or its actions
-            are not discrete.
-    """
+    """A Gymnasium environment with pixels and discrete actions; no ground truth."""
 
     schema = GymWorldConfig
 

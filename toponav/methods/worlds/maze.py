@@ -16,11 +16,7 @@ class MazeWorldConfig(WorldConfig):
 
 
 class MazeWorld(World):
-    """A maze: it reports poses, cells and slots, so that coverage can be reported.
-
-    Raises:
-        SettingsError: if the maze or the engine is unknown.
-    """
+    """A maze: it reports poses, cells and slots, so that coverage can be reported."""
 
     schema = MazeWorldConfig
 
