@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
@@ -174,10 +173,8 @@ def _write_mp4(path: Path, frames: Iterable[Frame], fps: int) -> None:
 
 
 def _write_gif(path: Path, frames: Iterable[Frame], fps: int) -> None:
-    first, *others = map(Image.fromarray, frames)
-    time = round(1000 / fps)
-    more: dict[str, Any] = {"append_images": others, "duration": time, "loop": 0}
-    first.save(path, save_all=True, optimize=False, **more)
+    look = {"duration": round(1000 / fps), "loop": 0, "optimize": False}
+    iio.imwrite(path, list(frames), plugin="pillow", **look)
 
 
 def explored_frames(

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from functools import partial
 
 import torch
 from tensordict import NestedKey
@@ -37,24 +39,18 @@ def play_episodes(
     """
     envs = min(max(episodes.values()), _MAX_ENVS)
     rounds = {name: math.ceil(episodes[name] / envs) for name in policies}
-    env, found = make_env(envs), {}
-    bar = tqdm(total=sum(rounds.values()) * envs * decisions, unit="decision")
-    keys = {"keep": keep, "keep_next": keep_next}
-    try:
+    total, found = sum(rounds.values()) * envs * decisions, {}
+    kept = {"keep": keep, "keep_next": keep_next, "views": views}
+    with closing(make_env(envs)) as env, tqdm(total=total, unit="decision") as bar:
+        play = partial(
+            collect_rollout, env, decisions=decisions, progress=bar.update, **kept
+        )
         for name, policy in policies.items():
             bar.set_description(f"evaluate {name}")
             env.set_seed(seed)
             if action_seed is not None:
                 torch.manual_seed(action_seed)
-            played = [
-                collect_rollout(
-                    env, policy, decisions, views=views, progress=bar.update, **keys
-                )
-                for _ in range(rounds[name])
-            ]
+            played = [play(policy) for _ in range(rounds[name])]
             frames = torch.cat([one.frames for one in played])[: episodes[name]]
             found[name] = played[0]._replace(frames=frames)
-    finally:
-        bar.close()
-        env.close()
     return found

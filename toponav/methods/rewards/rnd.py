@@ -159,9 +159,6 @@ class RNDMethod(RewardMethod):
     The learner's ``normalize_returns`` scales the reward as in the paper. Unlike there,
     views are counted for normalisation from the first batch on and not before it, and
     an episode's end ends the return.
-
-    Reference:
-        Burda et al., "Exploration by Random Network Distillation" (2018).
     """
 
     schema = RNDConfig
