@@ -173,8 +173,8 @@ def _write_mp4(path: Path, frames: Iterable[Frame], fps: int) -> None:
 
 
 def _write_gif(path: Path, frames: Iterable[Frame], fps: int) -> None:
-    look = {"duration": round(1000 / fps), "loop": 0, "optimize": False}
-    iio.imwrite(path, list(frames), plugin="pillow", **look)
+    time = round(1000 / fps)
+    iio.imwrite(path, [*frames], plugin="pillow", duration=time, loop=0, optimize=False)
 
 
 def explored_frames(

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from functools import partial
 
 import torch
 from tensordict import NestedKey
@@ -39,18 +38,20 @@ def play_episodes(
     """
     envs = min(max(episodes.values()), _MAX_ENVS)
     rounds = {name: math.ceil(episodes[name] / envs) for name in policies}
-    total, found = sum(rounds.values()) * envs * decisions, {}
-    kept = {"keep": keep, "keep_next": keep_next, "views": views}
+    total, found = sum(rounds.values()) * envs * decisions, dict[str, Rollout]()
+    keys = {"keep": keep, "keep_next": keep_next}
     with closing(make_env(envs)) as env, tqdm(total=total, unit="decision") as bar:
-        play = partial(
-            collect_rollout, env, decisions=decisions, progress=bar.update, **kept
-        )
         for name, policy in policies.items():
             bar.set_description(f"evaluate {name}")
             env.set_seed(seed)
             if action_seed is not None:
                 torch.manual_seed(action_seed)
-            played = [play(policy) for _ in range(rounds[name])]
+            played = [
+                collect_rollout(
+                    env, policy, decisions, views=views, progress=bar.update, **keys
+                )
+                for _ in range(rounds[name])
+            ]
             frames = torch.cat([one.frames for one in played])[: episodes[name]]
             found[name] = played[0]._replace(frames=frames)
     return found
