@@ -8,4 +8,7 @@ from toponav.methods.learners.actor_critic import (
 from toponav.methods.learners.ppo import PPOLearner
 
 #: By the name of their settings, ``conf/loss/<name>.yaml``.
-LEARNERS: dict[str, type[Learner]] = {"ppo": PPOLearner, "a3c": A3CLearner}
+LEARNERS: dict[str, type[Learner]] = {
+    "ppo": PPOLearner,
+    "a3c": A3CLearner,
+}

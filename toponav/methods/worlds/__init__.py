@@ -8,7 +8,10 @@ from toponav.methods.worlds.gym import GymWorld
 from toponav.methods.worlds.maze import MazeWorld
 
 #: By the name of their settings, ``conf/world/<name>.yaml``.
-WORLDS: dict[str, type[World]] = {"maze": MazeWorld, "gym": GymWorld}
+WORLDS: dict[str, type[World]] = {
+    "maze": MazeWorld,
+    "gym": GymWorld,
+}
 
 
 def make_world(settings: ExploreConfig | PretrainConfig) -> World:
