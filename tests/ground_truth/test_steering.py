@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from tests.fakes import WORLD
 from toponav.ground_truth import Steering, bearing, cell_centres, wrap_degrees
-from toponav.ground_truth.steering import point_ahead
+from toponav.ground_truth.routes import point_ahead
 from toponav.worlds import Effect
 
 

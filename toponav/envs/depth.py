@@ -13,16 +13,11 @@ class DepthCaster:
     r"""Casts depth pictures of one maze for a batch of poses.
 
     Depth is *planar*: the distance along the viewing direction. Apples and goal are not
-    in it. Where a ray meets the sky, depth is ``far``.
+    in it. Where a ray meets the sky, depth is ``far``. ``size`` is height H and width W
+    of the picture, with samples at its pixels' centres.
 
     Reference:
         Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", 1987.
-
-    Args:
-        layout: the maze.
-        size: height H and width W of the picture, samples at its pixels' centres.
-        camera: the view's geometry.
-        cell_size: side of a cell in map units.
 
     Examples:
         >>> camera = Camera(eye_height=4, wall_height=10, tan_across=1, tan_down=0.75)

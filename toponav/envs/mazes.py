@@ -35,11 +35,8 @@ def make_random_layout(
 ) -> Layout:
     """A random maze: a minimum spanning tree under random weights, plus loops.
 
-    Args:
-        rows: junctions from north to south, two cells apart, at least 1.
-        cols: junctions from west to east, at least 1.
-        seed: the same seed gives the same maze.
-        loops: share of the remaining walls between junctions to open, in [0, 1].
+    ``rows`` and ``cols`` count junctions, two cells apart. ``loops`` is the share of
+    the remaining walls between junctions to open, in [0, 1].
 
     Examples:
         >>> print(make_random_layout(2, 3, seed=1).text)

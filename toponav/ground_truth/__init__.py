@@ -7,8 +7,9 @@ from toponav.ground_truth.distances import (
     pair_truth as pair_truth,
     pick_goal_views as pick_goal_views,
 )
-from toponav.ground_truth.routes import UNREACHABLE as UNREACHABLE, Routes as Routes
-from toponav.ground_truth.steering import (
+from toponav.ground_truth.routes import (
+    UNREACHABLE as UNREACHABLE,
+    Routes as Routes,
     Steering as Steering,
     bearing as bearing,
     require_motion as require_motion,

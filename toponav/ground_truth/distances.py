@@ -8,8 +8,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from toponav.ground_truth.routes import Routes, shortest_lengths
-from toponav.ground_truth.steering import wrap_degrees
+from toponav.ground_truth.routes import Routes, shortest_lengths, wrap_degrees
 from toponav.worlds import Motion
 
 Floats = NDArray[np.float64]
@@ -187,12 +186,11 @@ def pair_truth(
 
     Examples:
         >>> distances = GroundTruthDistances(torch.ones(1, 4).bool(), cell_size=10)
-        >>> here, there = torch.tensor([[5.0, 5.0]]), torch.tensor([[10.0, 5.0]])
-        >>> headings = (torch.tensor([350.0]), torch.tensor([30.0]))
+        >>> positions = torch.tensor([[[5.0, 5.0]], [[10.0, 5.0]]])
         >>> from toponav.worlds import Effect
-        >>> effects = Effect(ahead=2.5), Effect(turn=20)
-        >>> motion = Motion(cell_size=10, effects=effects)
-        >>> pair_truth(distances, (here, there), headings, motion=motion).decisions
+        >>> motion = Motion(cell_size=10, effects=(Effect(ahead=2.5), Effect(turn=20)))
+        >>> headings = torch.tensor([[350.0], [30.0]])
+        >>> pair_truth(distances, positions, headings, motion=motion).decisions
         tensor([4.])
     """
     anchor, other = positions

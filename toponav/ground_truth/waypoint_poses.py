@@ -14,12 +14,10 @@ class WaypointPoses:
     """Records the poses of a map's waypoints from the batches that the map is fed.
 
     Examples:
-        >>> from tensordict import TensorDict
-        >>> place = {"position": torch.tensor([[[10.0, 20.0], [30.0, 40.0]]])}
-        >>> place["heading"] = torch.tensor([[[90.0], [180.0]]])
-        >>> env = torch.zeros(1, 2, 1, dtype=torch.int64)
+        >>> batch = TensorDict({POSITION: [[[10.0, 20], [30, 40]]]}, [1, 2])
+        >>> batch[HEADING] = torch.tensor([[[90.0], [180]]])
         >>> poses = WaypointPoses()
-        >>> poses.remember(TensorDict({"privileged": place, "env_id": env}, [1, 2]))
+        >>> poses.remember(batch.set("env_id", torch.zeros(1, 2, 1).long()))
         >>> poses.extend(torch.tensor([[0, 1]]))
         >>> poses.values
         tensor([[ 30.,  40., 180.]])

@@ -1,13 +1,15 @@
 """Networks: encoders, the TC-network, the L-network, the explorer's actor-critic."""
 
-from toponav.modules.actor_critic import ActorCritic as ActorCritic
+from toponav.modules.actor_critic import (
+    ActorCritic as ActorCritic,
+    EpisodicLSTM as EpisodicLSTM,
+)
 from toponav.modules.encoders import (
     ResNet18 as ResNet18,
     SmallEncoder as SmallEncoder,
     check_pixels as check_pixels,
     start_orthogonal as start_orthogonal,
 )
-from toponav.modules.episodic_lstm import EpisodicLSTM as EpisodicLSTM
 from toponav.modules.pair_networks import (
     Comparator as Comparator,
     ConcatComparator as ConcatComparator,

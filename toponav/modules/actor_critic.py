@@ -1,5 +1,6 @@
-"""`ActorCritic`: the explorer's recurrent policy and value."""
+"""`ActorCritic`: the explorer's recurrent policy and value, and its `EpisodicLSTM`."""
 
+from itertools import pairwise
 from typing import Literal, get_args
 
 import torch
@@ -12,76 +13,62 @@ from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from toponav import keys
-from toponav.modules.encoders import (
-    check_pixels,
-    compute_dtype,
-    start_orthogonal,
-    use_channels_last,
-)
-from toponav.modules.episodic_lstm import EpisodicLSTM, State
+from toponav.modules.encoders import EmbeddingTrunk, PixelTrunk, start_orthogonal
 
 Input = Literal["pixels", "embedding"]
+#: Hidden and cell state, each ``[N, H]``.
+State = tuple[Tensor, Tensor]
 NEXT_HIDDEN: NestedKey = ("next", *keys.HIDDEN)
 NEXT_MEMORY_CELL: NestedKey = ("next", *keys.MEMORY_CELL)
 
 
-class PixelTrunk(nn.Module):
-    """Encode views of 20 pixels or more as ``[*B, C]``: two convolutions, one layer.
+class EpisodicLSTM(nn.Module):
+    """One LSTM layer over slices, its state zeroed where ``is_init`` is set.
 
-    Reference:
-        Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
-        the paper, "Learning model", with its 16 and 32 features.
+    Acting calls `step`, training the module, which splits a slice where any of its rows
+    begins an episode, for torch's fused kernel.
+
+    Examples:
+        >>> lstm = EpisodicLSTM(8, 16)
+        >>> state = (torch.zeros(4, 16), torch.zeros(4, 16))
+        >>> is_init = torch.zeros(4, 20, dtype=torch.bool)
+        >>> outputs, state = lstm(torch.zeros(4, 20, 8), state, is_init)
+        >>> outputs.shape, state[0].shape
+        (torch.Size([4, 20, 16]), torch.Size([4, 16]))
     """
 
-    def __init__(self, code_dim: int = 256, *, image_size: tuple[int, int]) -> None:
+    def __init__(self, input_dim: int, hidden_dim: int = 256) -> None:
         super().__init__()
-        if min(image_size) < 20:
-            raise ValueError(
-                f"image_size must be at least 20 both ways, got {image_size}."
+        self.lstm = nn.LSTM(input_dim, hidden_dim, batch_first=True)
+
+    def step(self, inputs: Tensor, state: State, is_init: Tensor) -> State:
+        """One decision: ``[N, D]``, the state before it, ``[N]`` to the state after."""
+        # Its order: weights of the inputs and the state, biases of both.
+        (weights,) = self.lstm.all_weights
+        hidden, cell = torch.lstm_cell(inputs, _restart(state, is_init), *weights)
+        return hidden, cell
+
+    def forward(
+        self, inputs: Tensor, state: State, is_init: Tensor
+    ) -> tuple[Tensor, State]:
+        """Outputs ``[N, T, H]`` of a slice, ``[N, T, D]``, and the state after it."""
+        inner = is_init[:, 1:].any(0).nonzero().flatten().add(1).tolist()
+        bounds = [0, *inner, inputs.shape[1]]
+        outputs = []
+        for start, stop in pairwise(bounds):
+            hidden, cell = _restart(state, is_init[:, start])
+            piece, (hidden, cell) = self.lstm(
+                inputs[:, start:stop], (hidden.unsqueeze(0), cell.unsqueeze(0))
             )
-        self.code_dim = code_dim
-        self.image_size = image_size
-        self.conv1 = nn.Conv2d(3, 16, 8, stride=4)
-        self.conv2 = nn.Conv2d(16, 32, 4, stride=2)
-        height, width = (((side - 8) // 4 + 1 - 4) // 2 + 1 for side in image_size)
-        self.project = nn.Linear(32 * height * width, code_dim)
-        for layer in (self.conv1, self.conv2, self.project):
-            start_orthogonal(layer)
-        use_channels_last(self.conv1)
-        use_channels_last(self.conv2)
-
-    def forward(self, pixels: Tensor) -> Tensor:
-        check_pixels(pixels, self.image_size)
-        dtype = compute_dtype(self.conv1.weight)
-        weight = self.conv1.weight
-        if pixels.dtype == torch.uint8:
-            weight = weight / 255
-        planes = pixels.reshape(-1, *pixels.shape[-3:]).permute(0, 3, 1, 2).to(dtype)
-        hidden = F.relu_(F.conv2d(planes, weight, self.conv1.bias, stride=4))
-        hidden = F.relu_(self.conv2(hidden))
-        # Flattened in memory order (height, width, channels): no copy.
-        code = F.relu_(self.project(hidden.permute(0, 2, 3, 1).flatten(1)))
-        return code.reshape(*pixels.shape[:-3], self.code_dim)
+            state = hidden.squeeze(0), cell.squeeze(0)
+            outputs.append(piece)
+        return outputs[0] if len(outputs) == 1 else torch.cat(outputs, 1), state
 
 
-class EmbeddingTrunk(nn.Module):
-    """Encode embeddings ``[*B, D]`` as ``[*B, C]`` with one linear layer and a ReLU."""
-
-    def __init__(self, embedding_dim: int, code_dim: int = 256) -> None:
-        super().__init__()
-        self.embedding_dim = embedding_dim
-        self.project = nn.Linear(embedding_dim, code_dim)
-        start_orthogonal(self.project)
-
-    def forward(self, embedding: Tensor) -> Tensor:
-        if embedding.shape[-1] != self.embedding_dim:
-            raise ValueError(
-                f"embedding must have the length {self.embedding_dim}, got "
-                f"{list(embedding.shape)}."
-            )
-        dtype = self.project.weight.dtype
-        # Another objective trains the network behind the embedding.
-        return F.relu_(self.project(embedding.detach().to(dtype)))
+def _restart(state: State, is_init: Tensor) -> State:
+    # Filled, not multiplied: a NaN of the last episode must not survive.
+    rows = is_init.unsqueeze(-1)
+    return state[0].masked_fill(rows, 0), state[1].masked_fill(rows, 0)
 
 
 class RecurrentStatePrimer(TensorDictPrimer):

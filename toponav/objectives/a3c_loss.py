@@ -41,10 +41,9 @@ class A3CLoss(GAEMixin, LossModule):
     `bootstrapped_advantage`); an advantage and a value target in the batch are used as
     they are, ``[*B, T, 1]`` both.
 
-    Names, keys and state dict are those of TorchRL's ``A2CLoss(functional=False)``.
-    What differs: the last dimension is time, because each row bootstraps once, from the
-    state after it; one action, and an entropy in closed form, are needed; a recurrent
-    policy and critic of one trunk are unrolled once.
+    Names, keys and state dict are those of TorchRL's ``A2CLoss(functional=False)``, but
+    the last dimension is time, because each row bootstraps once, from the state after
+    it; one action, and an entropy in closed form, are needed.
 
     Reference:
         Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
@@ -53,8 +52,7 @@ class A3CLoss(GAEMixin, LossModule):
     Args:
         actor_network: a ``ProbabilisticActor``; or, alone, a `RecurrentActorCritic`.
         critic_network: the value operator.
-        entropy_coeff: weight of the entropy bonus; can be assigned while training.
-        critic_coeff: weight of the critic's squared error.
+        entropy_coeff, critic_coeff: weights that can be assigned while training.
         reduction: ``"unroll"`` sums over the slice and takes the mean over its rows, as
             A3C does; or TorchRL's ``"mean"``, ``"sum"`` or ``"none"``.
 

@@ -35,8 +35,7 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
     Args:
         actor_critic: see `RecurrentActorCritic`; actions are numbers or one-hot.
         clip_epsilon: bound on the change of an action's probability.
-        entropy_coeff: weight of the entropy bonus; can be assigned while training.
-        critic_coeff: weight of the critic's squared error.
+        entropy_coeff, critic_coeff: weights that can be assigned while training.
 
     Examples:
         >>> from toponav.modules import ActorCritic
@@ -123,7 +122,6 @@ class SequenceMinibatches:
         seed: of the order; ``None`` takes one from the operating system.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> minibatches = SequenceMinibatches(40, num_minibatches=3, seed=0)
         >>> batch = TensorDict({"action": torch.zeros(16, 120)}, [16, 120])
         >>> [minibatch.shape for minibatch in minibatches(batch)]

@@ -26,7 +26,6 @@ class ReturnScale(TensorDictModuleBase):
         reward, out_key: keys of the reward and of the scaled one under ``"next"``.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> scale = ReturnScale(num_envs=2, gamma=0.5)
         >>> following = {"intrinsic_reward": torch.tensor([[[1.0], [0]], [[2], [0]]])}
         >>> following["done"] = torch.zeros(2, 2, 1, dtype=torch.bool)

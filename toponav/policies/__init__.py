@@ -1,10 +1,8 @@
 """Scripted policies: random walks and experts."""
 
-from toponav.policies.experts import (
+from toponav.policies.scripted import (
     FrontierExpert as FrontierExpert,
     PathFollower as PathFollower,
-)
-from toponav.policies.random_walks import (
     RandomPolicy as RandomPolicy,
     StickyPolicy as StickyPolicy,
     forward_weights as forward_weights,

@@ -1,9 +1,13 @@
 """TorchRL transforms of environments, each usable in any TorchRL project."""
 
-from toponav.transforms.area_downsample import AreaDownsample as AreaDownsample
-from toponav.transforms.coverage import Coverage as Coverage
+from toponav.transforms.agent_inputs import (
+    AreaDownsample as AreaDownsample,
+    GoalViews as GoalViews,
+    PolicyPixels as PolicyPixels,
+    PreviousAction as PreviousAction,
+    PreviousReward as PreviousReward,
+)
 from toponav.transforms.embed_views import EmbedViews as EmbedViews
-from toponav.transforms.goal_views import GoalViews as GoalViews
 from toponav.transforms.noisy_tv import NoisyTV as NoisyTV
 from toponav.transforms.novelty_rewards import (
     CountReward as CountReward,
@@ -13,10 +17,8 @@ from toponav.transforms.novelty_rewards import (
     count_reward as count_reward,
     temporal_distance_reward as temporal_distance_reward,
 )
-from toponav.transforms.policy_inputs import (
-    PolicyPixels as PolicyPixels,
-    PreviousAction as PreviousAction,
-    PreviousReward as PreviousReward,
+from toponav.transforms.privileged import (
+    Coverage as Coverage,
+    WaypointTruth as WaypointTruth,
 )
 from toponav.transforms.waypoint_memory import WaypointMemory as WaypointMemory
-from toponav.transforms.waypoint_truth import WaypointTruth as WaypointTruth

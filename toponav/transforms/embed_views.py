@@ -29,7 +29,6 @@ class EmbedViews(ViewTransform):
         out_keys: keys of the embeddings, float32 ``[*B, D]``.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> mean = EmbedViews(lambda views: views.float().mean((1, 2)))
         >>> views = torch.full((2, 4, 6, 3), 5, dtype=torch.uint8)
         >>> mean(TensorDict({"network_pixels": views}, [2]))["embedding"][0]

@@ -115,7 +115,12 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        corner = self._draw_corners(tensordict_reset.batch_size).to(self.corner.device)
+        shape = tensordict_reset.batch_size
+        if self.quadrant is None:
+            corner = torch.randint(len(QUADRANTS), shape, generator=self.generator)
+        else:
+            corner = torch.full(shape, QUADRANTS.index(self.quadrant))
+        corner = corner.to(self.corner.device)
         if self.corner.shape == corner.shape:
             rows = restarting_rows(self, tensordict, corner.shape, corner.device)
             corner = torch.where(rows, corner, self.corner)
@@ -131,11 +136,6 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
                 noises[count] = self._draw_noise(self.corner.numel(), count)
             next_tensordict.set(out_key, self._paint(views, noises[count]))
         return next_tensordict
-
-    def _draw_corners(self, shape: torch.Size) -> Tensor:
-        if self.quadrant is not None:
-            return torch.full(shape, QUADRANTS.index(self.quadrant))
-        return torch.randint(len(QUADRANTS), shape, generator=self.generator)
 
     def _draw_noise(self, num_envs: int, num_channels: int) -> Tensor:
         shape = (num_envs, self.size, self.size, num_channels)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 
 from toponav import keys
-from toponav.transforms.specs import KeyedTransform, Keys, SeededMixin
+from toponav.transforms.specs import KeyedTransform, Keys, SeededMixin, find_spec
 
 #: When each reward pays. The text pays the first if the view is mapped to a waypoint,
 #: else the second: ``"exclusive"``. ``"sum"`` is the literal equation, which pays
@@ -69,15 +69,9 @@ class _NoveltyReward(KeyedTransform):
         # Asking `parent` for specs would compute those of all earlier transforms again.
         output_spec = output_spec.clone()
         rewards = output_spec["full_reward_spec"]
-        known = dict(rewards.items(True, True))
-        known |= output_spec["full_observation_spec"].items(True, True)
-        for key in self.in_keys:
-            if key not in known:
-                raise ValueError(
-                    f"{key!r} must be an observation or a reward of the env, "
-                    f"got {list(known)}"
-                )
-        like = known[self.in_keys[0]]
+        known, kind = rewards.clone(), "an observation or a reward"
+        known.update(output_spec["full_observation_spec"])
+        like, *_ = [find_spec(known, key, kind=kind) for key in self.in_keys]
         rewards[self.out_keys[0]] = Unbounded(like.shape, like.device, torch.float32)
         return output_spec
 
@@ -167,7 +161,6 @@ class IntrinsicReward(_NoveltyReward):
         out_keys: key of the reward, float32 ``[*B, 1]``.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> parts = {"count_reward": torch.tensor([[0.1], [0.0]])}
         >>> parts["temporal_distance_reward"] = torch.tensor([[0.0], [1.6]])
         >>> IntrinsicReward()(TensorDict(parts, [2]))["intrinsic_reward"].squeeze(-1)
@@ -193,7 +186,6 @@ class RandomReward(SeededMixin, KeyedTransform):
         out_keys: key of the reward, float32 ``[*B, 1]``.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> drawn = RandomReward(seed=0)._step(None, TensorDict(batch_size=[2]))
         >>> drawn["intrinsic_reward"].squeeze(-1)
         tensor([0.4963, 0.7682])

@@ -65,10 +65,7 @@ class SeededMixin:
     def set_seed(self, seed: int | None) -> None:
         """Restart the generator; ``None`` takes a seed from the operating system."""
         self.generator = torch.Generator()
-        if seed is None:
-            self.generator.seed()
-        else:
-            self.generator.manual_seed(seed)
+        self.generator.manual_seed(self.generator.seed() if seed is None else seed)
 
     def get_extra_state(self) -> Tensor:
         return self.generator.get_state()

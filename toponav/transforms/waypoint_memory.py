@@ -47,7 +47,6 @@ class WaypointMemory(KeyedTransform):
         out_keys: keys of the embedding ``[*B, D]`` and of six entries ``[*B, 1]``.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> def view(red):
         ...     return TensorDict({"pixels": torch.full((1, 1, 1, 1), red)}, [1])
         >>> memory = WaypointMemory(

@@ -18,13 +18,13 @@ from toponav.envs.engines.doom import engine as engine_module, instances
 from toponav.envs.engines.doom.engine import Engine, fixed, turn
 from toponav.envs.engines.doom.level import acs
 from toponav.envs.engines.doom.level.compile import compile_maze
-from toponav.envs.engines.doom.level.wad_cache import wad_file
+from toponav.envs.engines.doom.level.wad import wad_file
 
 MAZE = compile_maze(LANE)
 
 
 def start() -> Engine:
-    return Engine(wad_file(MAZE), MAZE.map_name)
+    return Engine(wad_file(MAZE.wad), MAZE.map_name)
 
 
 def test_numbers_are_the_scripts_fixed_point() -> None:

@@ -53,8 +53,8 @@ class MazeGame:
         inspect: bool = False,
     ) -> None:
         self.layout = layout
-        maze = compile_maze(layout, look)
-        self.engine = Engine(wad_file(maze), maze.map_name, inspect=inspect)
+        wad, map_name = compile_maze(layout, look)
+        self.engine = Engine(wad_file(wad), map_name, inspect=inspect)
         self.reward = 0.0
         self.respawned = False
         self.closed: set[str] = set()

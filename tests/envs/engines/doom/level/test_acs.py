@@ -52,7 +52,6 @@ def test_there_are_nine_scripts_with_at_most_three_arguments() -> None:
         acs.GOAL_TOUCHED: 0,
         acs.SET_RESPAWN: 3,
         acs.SPAWN_APPLE: 3,
-        acs.REMOVE_THING: 1,
         acs.CLOSE_SLOT: 1,
         acs.OPEN_SLOT: 1,
         acs.SPAWN_GOAL: 2,
@@ -98,7 +97,7 @@ def test_the_string_table_names_the_things() -> None:
     lump = acs.behavior()
     assert lump.endswith(b"MazeApple\0MazeGoal\0")
     (start,) = struct.unpack_from("<i", lump, 4)
-    table = start + 4 + 12 * 9
+    table = start + 4 + 12 * 8
     count, first, second = struct.unpack_from("<3i", lump, table)
     assert count == 2
     assert lump[first:].startswith(b"MazeApple\0")

@@ -13,10 +13,9 @@ from toponav.envs import EngineError
 from toponav.envs.engines.doom import game as game_module
 from toponav.envs.engines.doom.engine import Engine
 from toponav.envs.engines.doom.game import MazeGame
-from toponav.envs.engines.doom.level import wad_cache
+from toponav.envs.engines.doom.level import wad as wad_module
 from toponav.envs.engines.doom.level.compile import CompiledMaze, compile_maze
-from toponav.envs.engines.doom.level.wad import build_wad
-from toponav.envs.engines.doom.level.wad_cache import check_wad
+from toponav.envs.engines.doom.level.wad import build_wad, check_wad
 
 MAZE = compile_maze(LANE)
 LUMPS = lumps_of(MAZE.wad)
@@ -79,7 +78,7 @@ def test_an_unknown_map_is_refused_at_once(wad: Path) -> None:
 def test_an_engine_that_hangs_is_given_up(
     wad: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(wad_cache, "_LOAD_ONCE", "import time\ntime.sleep(60)")
+    monkeypatch.setattr(wad_module, "_LOAD_ONCE", "import time\ntime.sleep(60)")
     wad.write_bytes(changed("ZMAPINFO", lambda text: text + b"\n// never loaded\n"))
     begin = time.monotonic()
     with pytest.raises(EngineError, match=r"within 0\.5 s, and it hangs"):

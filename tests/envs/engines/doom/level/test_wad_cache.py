@@ -1,5 +1,6 @@
 """WAD files on disk."""
 
+import hashlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from tests.envs.layouts import HALL, LANE
 from toponav.envs.engines.doom.level.compile import compile_maze
-from toponav.envs.engines.doom.level.wad_cache import cache_folder, wad_file
+from toponav.envs.engines.doom.level.wad import cache_folder, wad_file
 
 
 @pytest.fixture
@@ -19,30 +20,30 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_content_names_the_file(cache: Path) -> None:
     maze = compile_maze(LANE)
-    path = wad_file(maze)
-    assert path == cache / f"{maze.digest}.wad"
+    path = wad_file(maze.wad)
+    assert path == cache / f"{hashlib.sha256(maze.wad).hexdigest()}.wad"
     assert path.read_bytes() == maze.wad
-    assert wad_file(compile_maze(HALL)) != path
+    assert wad_file(compile_maze(HALL).wad) != path
 
 
 def test_a_file_is_written_once(cache: Path) -> None:
     maze = compile_maze(LANE)
-    before = wad_file(maze).stat()
-    assert wad_file(maze).stat().st_ino == before.st_ino
+    before = wad_file(maze.wad).stat()
+    assert wad_file(maze.wad).stat().st_ino == before.st_ino
 
 
 @pytest.mark.parametrize("damage", [b"", b"PWAD", b"x" * 10**6])
 def test_a_damaged_file_is_written_again(cache: Path, damage: bytes) -> None:
     maze = compile_maze(LANE)
-    path = wad_file(maze)
+    path = wad_file(maze.wad)
     path.write_bytes(damage)
-    assert wad_file(maze).read_bytes() == maze.wad
+    assert wad_file(maze.wad).read_bytes() == maze.wad
 
 
 def test_many_writers_leave_one_whole_file(cache: Path) -> None:
     maze = compile_maze(LANE)
     with ThreadPoolExecutor(16) as pool:
-        paths = set(pool.map(lambda _: wad_file(maze), range(64)))
+        paths = set(pool.map(lambda _: wad_file(maze.wad), range(64)))
     assert [path.read_bytes() for path in paths] == [maze.wad]
     assert list(cache.iterdir()) == list(paths)
 

@@ -21,8 +21,6 @@ NUM_HUES = 20
 SATURATIONS = np.array([0.32, 0.64, 1.0])
 VALUES = np.array([0.3, 0.54, 0.78, 1.0])
 
-_NUM_FLASHES = 14
-_NUM_LIGHT_LEVELS = 32
 _PNG_INDEXED, _PNG_RGBA = 3, 6
 
 
@@ -53,7 +51,7 @@ def colour_index(hue: float, saturation: int, value: int) -> int:
 
 def playpal() -> bytes:
     """The ``PLAYPAL`` lump: the engine tints the screen with 14 palettes, all alike."""
-    return PALETTE.tobytes() * _NUM_FLASHES
+    return PALETTE.tobytes() * 14
 
 
 def colormap() -> bytes:
@@ -62,7 +60,7 @@ def colormap() -> bytes:
     Level ``l`` maps an entry to the nearest colour of its RGB times ``1 - l / 32``. Row
     32 is an inverted grey and row 33 black, as the engine expects; neither is seen.
     """
-    light = 1.0 - np.arange(_NUM_LIGHT_LEVELS) / _NUM_LIGHT_LEVELS
+    light = 1.0 - np.arange(32) / 32
     lit = np.round(PALETTE * light[:, None, None]).reshape(-1, 3)
     inverted = 255 - PALETTE.mean(axis=1).astype(np.uint8)
     colours = np.concatenate([lit, inverted[:, None].repeat(3, axis=1)])

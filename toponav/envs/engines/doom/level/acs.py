@@ -17,7 +17,6 @@ APPLE_TOUCHED = 2
 GOAL_TOUCHED = 3
 SET_RESPAWN = 4
 SPAWN_APPLE = 5
-REMOVE_THING = 6
 CLOSE_SLOT = 7
 OPEN_SLOT = 8
 SPAWN_GOAL = 9
@@ -30,8 +29,7 @@ _STRINGS = ("MazeApple", "MazeGoal")
 
 _TERMINATE = 1
 _PUSH_NUMBER = 3
-# Line specials: the opcode says how many arguments they take.
-_SPECIAL_OF_1 = 4
+# Line specials of three arguments.
 _SPECIAL_OF_3 = 6
 _ASSIGN_MAP = 26
 _PUSH_ARGUMENT = 28
@@ -47,7 +45,6 @@ _FUNCTION_SPAWN_FORCED = 36
 
 _FLOOR_LOWER_INSTANT = 66
 _FLOOR_RAISE_INSTANT = 67
-_THING_REMOVE = 132
 
 # Map variables: where the next respawn puts the player, and the goal's place.
 _RESPAWN_X_Y_ANGLE = (0, 1, 2)
@@ -113,7 +110,6 @@ def _scripts() -> dict[int, tuple[int, _Code]]:
         GOAL_TOUCHED: (0, [_INC_GLOBAL, 2, *respawn, *spawn_goal]),
         SET_RESPAWN: (3, _store(_RESPAWN_X_Y_ANGLE)),
         SPAWN_APPLE: (3, _spawn("MazeApple", *pose)),
-        REMOVE_THING: (1, [_PUSH_ARGUMENT, 0, _SPECIAL_OF_1, _THING_REMOVE]),
         CLOSE_SLOT: (1, _move_floor(_FLOOR_RAISE_INSTANT)),
         OPEN_SLOT: (1, _move_floor(_FLOOR_LOWER_INSTANT)),
         SPAWN_GOAL: (2, [*_store(_GOAL_X_Y), *spawn_goal]),

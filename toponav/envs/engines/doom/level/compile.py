@@ -1,8 +1,8 @@
 """From a layout to a WAD: regions, textures, geometry, things, scripts."""
 
 import hashlib
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -37,17 +37,11 @@ _CELLS_PER_REGION = 9
 _HUE_STEP = (5**0.5 - 1) / 2
 
 
-@dataclass(frozen=True)
-class CompiledMaze:
+class CompiledMaze(NamedTuple):
     """A WAD file's content, and the name of its map, which no other file's map has."""
 
     wad: bytes
     map_name: str
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the WAD in hexadecimal."""
-        return hashlib.sha256(self.wad).hexdigest()
 
 
 @lru_cache(maxsize=32)

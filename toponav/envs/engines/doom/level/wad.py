@@ -1,13 +1,45 @@
-"""The WAD container: header, contents, directory of (start, size, name)."""
+"""WAD files: packed, kept on disk by content, and tried before Python loads them.
 
+An engine that fails while it starts crashes Python, so a child process loads each WAD
+first, once per content and engine version.
+"""
+
+import hashlib
+import os
 import struct
+import subprocess
+import sys
+import tempfile
 from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+import platformdirs
+
+from toponav.envs.engines.doom import instances
+from toponav.envs.game import EngineError
 
 _HEADER_SIZE = 12
+_SECONDS = 120.0
+_LOAD_ONCE = """
+import sys, vizdoom
+wad, map_name, ini = sys.argv[1:]
+game = vizdoom.DoomGame()
+game.set_doom_config_path(ini)
+game.set_doom_scenario_path(wad)
+game.set_doom_map(map_name)
+game.set_window_visible(False)
+game.init()
+game.advance_action(1)
+game.close()
+"""
 
 
 def build_wad(lumps: Sequence[tuple[str, bytes]]) -> bytes:
-    """Pack lumps, pairs of name (at most 8 letters) and content, into a patch WAD."""
+    """Pack lumps, pairs of name (at most 8 letters) and content, into a patch WAD.
+
+    It is a header, the contents and a directory of (start, size, name).
+    """
     directory = contents = b""
     for name, content in lumps:
         if len(name) > 8:
@@ -30,3 +62,62 @@ def lump_names(wad: bytes) -> list[str]:
     except (struct.error, UnicodeDecodeError):
         return []
     return names if kind == b"PWAD" else []
+
+
+def cache_folder() -> Path:
+    """Where WADs are kept: the user's cache, or a temporary folder without one."""
+    folder = Path(platformdirs.user_cache_dir("toponav")) / "wads"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        user = os.getuid() if hasattr(os, "getuid") else "user"
+        folder = Path(tempfile.gettempdir()) / f"toponav-{user}" / "wads"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return folder
+
+
+def wad_file(wad: bytes) -> Path:
+    """The file of a WAD, named by its content and written atomically."""
+    path = cache_folder() / f"{hashlib.sha256(wad).hexdigest()}.wad"
+    if not path.exists() or path.read_bytes() != wad:
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            file.write(wad)
+        os.replace(file.name, path)
+    return path
+
+
+def check_wad(wad: Path, map_name: str, *, seconds: float = _SECONDS) -> None:
+    """Raise an ``EngineError`` if the engine dies or hangs on this map of this WAD."""
+    content = wad.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    mark = cache_folder() / f"{digest}-{map_name}-{version('vizdoom')}.ok"
+    if mark.exists():
+        return
+    must = f"the engine must load {wad.name}"
+    if map_name not in lump_names(content):  # the engine would hang
+        raise EngineError(f"{must}, and it holds no map named '{map_name}'")
+    folder = instances.claim()
+    ini = str(instances.ini_path(folder))
+    try:
+        child = subprocess.run(
+            [sys.executable, "-P", "-c", _LOAD_ONCE, str(wad), map_name, ini],
+            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            timeout=seconds,
+            check=False,
+            cwd=folder,
+        )
+    except subprocess.TimeoutExpired:
+        raise EngineError(f"{must} within {seconds:g} s, and it hangs") from None
+    finally:
+        instances.release(folder)
+    if child.returncode != 0:
+        output = (child.stderr + child.stdout).decode(errors="replace").strip()
+        last = output.splitlines()[-1] if output else "nothing"
+        raise EngineError(
+            f"{must}, and it failed with exit status {child.returncode}; "
+            f"its last output: {last}"
+        )
+    mark.touch()

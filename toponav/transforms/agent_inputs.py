@@ -1,4 +1,9 @@
-"""What a policy sees beside its own state: a small view, its last action and reward."""
+"""What an agent is shown: smaller views, its last action and reward, its goal.
+
+Reference:
+    The paper, "Model implementation": 84x84 RGB; an LSTM is fed the previous action and
+    reward.
+"""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -10,13 +15,67 @@ from toponav import keys
 from toponav.transforms.specs import KeyedTransform, Keys, ViewTransform, find_spec
 
 
+class AreaDownsample(ViewTransform):
+    """Writes views shrunk by the mean over ``factor`` x ``factor`` pixels.
+
+    uint8 stays uint8, rounded to the nearest (halves up).
+
+    Args:
+        in_keys: keys of the views ``[*B, H, W, C]``, ``pixels`` unless given.
+        out_keys: keys of the small views, ``network_pixels`` unless given.
+        factor: how many pixels become one, in height and in width; must divide both.
+
+    Examples:
+        >>> image = torch.tensor([[0, 0, 7, 7], [1, 1, 7, 7]], dtype=torch.uint8)
+        >>> views = TensorDict({"pixels": image.reshape(1, 2, 4, 1)}, [1])
+        >>> AreaDownsample()(views)["network_pixels"].flatten()
+        tensor([1, 7], dtype=torch.uint8)
+    """
+
+    def __init__(
+        self, in_keys: Keys = None, out_keys: Keys = None, *, factor: int = 2
+    ) -> None:
+        if factor < 1:
+            raise ValueError(f"factor must be at least 1, got {factor}")
+        super().__init__(in_keys or [keys.PIXELS], out_keys or [keys.NETWORK_PIXELS])
+        self.factor = factor
+
+    def _apply_transform(self, obs: Tensor) -> Tensor:
+        *batch, height, width, channels = obs.shape
+        factor, is_bytes = self.factor, obs.dtype == torch.uint8
+        if factor == 1:
+            return obs
+        wide = torch.int32 if is_bytes else obs.dtype
+        if is_bytes and 255 * factor**2 < 2**15:
+            wide = torch.int16  # adds up twice as fast
+        # First rows, then columns: successive numbers are added together.
+        rows = obs.reshape(*batch, height // factor, factor, width * channels)
+        first, *others = rows.unbind(-2)
+        tall = sum(others, start=first.to(wide))
+        columns = tall.reshape(*rows.shape[:-2], width // factor, factor, channels)
+        first, *others = columns.unbind(-2)
+        total = sum(others, start=first)
+        if not is_bytes:
+            return total / factor**2
+        total += factor**2 // 2
+        if factor == 2:
+            return (total >> 2).to(torch.uint8)  # faster than the division
+        return total.div(factor**2, rounding_mode="floor").to(torch.uint8)
+
+    def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
+        if any(side % self.factor for side in view.shape[-3:-1]):
+            raise ValueError(
+                f"{key!r} must be images whose height and width are multiples of "
+                f"{self.factor}, got {list(view.shape)}"
+            )
+        # The bounds of a square's first pixel stand for those of the mean.
+        return view[..., :: self.factor, :: self.factor, :]
+
+
 class PolicyPixels(ViewTransform):
     """Writes views at another size, averaged so that nothing small flickers.
 
     uint8 stays uint8. Unlike TorchRL's ``Resize`` it needs no torchvision.
-
-    Reference:
-        The paper, "Model implementation": 84x84 RGB.
 
     Args:
         size: height and width of the copy in pixels.
@@ -24,7 +83,6 @@ class PolicyPixels(ViewTransform):
         out_keys: keys of the copies, ``policy_pixels`` unless given.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> views = torch.zeros(2, 24, 32, 3, dtype=torch.uint8)
         >>> data = PolicyPixels((10, 10))(TensorDict({"pixels": views}, [2]))
         >>> data["policy_pixels"].shape
@@ -66,19 +124,14 @@ class PolicyPixels(ViewTransform):
 class PreviousAction(KeyedTransform):
     """Writes the action that led to an observation; ``num_actions`` if there is none.
 
-    Reference:
-        The paper, "Model implementation": the LSTM is fed the previous action.
-
     Args:
         num_actions: how many actions the env has, at least 2.
         in_keys: key of the action, int64 ``[*B]``, ``[*B, 1]`` or one-hot.
         out_keys: key of the action before, int64 ``[*B, 1]`` in ``[0, num_actions]``.
 
     Examples:
-        >>> from tensordict import TensorDict
-        >>> env = TensorDict(batch_size=[2])
-        >>> previous = PreviousAction(num_actions=4)
-        >>> previous._reset(env, env.clone())["previous_action"].squeeze(-1)
+        >>> start = TensorDict(batch_size=[2])
+        >>> PreviousAction(4)._reset(start, start)["previous_action"].squeeze(-1)
         tensor([4, 4])
     """
 
@@ -124,15 +177,11 @@ class PreviousAction(KeyedTransform):
 class PreviousReward(KeyedTransform):
     """Writes the reward that came with an observation, clipped; 0 after a reset.
 
-    Reference:
-        The paper, "Model implementation": the LSTM is fed the previous reward.
-
     Args:
         clip: rewards are cut to ``[-clip, clip]``.
         in_keys, out_keys: keys of the reward and of the clipped one, ``[*B, 1]``.
 
     Examples:
-        >>> from tensordict import TensorDict
         >>> step = TensorDict({"intrinsic_reward": torch.tensor([[0.2], [16.0]])}, [2])
         >>> PreviousReward()._step(TensorDict(), step)["previous_reward"].squeeze(-1)
         tensor([0.2000, 1.0000])
@@ -165,3 +214,72 @@ class PreviousReward(KeyedTransform):
         bounds = (-self.clip, self.clip)
         spec = Bounded(*bounds, reward.shape, reward.device, reward.dtype)
         return observation_spec.set(self.out_keys[0], spec)
+
+
+class GoalViews(KeyedTransform):
+    """Writes views of the goal's place, for agents that must not know its cell.
+
+    Args:
+        cells: int64 ``[K, 2]``, row and column of the places where a goal can be.
+        views: uint8 ``[K, V, H, W, C]``, V views of each.
+        in_keys: key of the goal's cell, int64 ``[*B, 2]``, one of ``cells``.
+        out_keys: key of the views, uint8 ``[*B, V, H, W, C]``.
+
+    Examples:
+        >>> cells = torch.tensor([[1, 1], [1, 2]])
+        >>> views = torch.arange(2, dtype=torch.uint8).reshape(2, 1, 1, 1, 1)
+        >>> start = TensorDict({keys.GOAL_CELL: torch.tensor([[1, 2], [1, 1]])}, [2])
+        >>> show = GoalViews(cells, views)
+        >>> show._reset(TensorDict(batch_size=[2]), start)["goal_views"].flatten()
+        tensor([1, 0], dtype=torch.uint8)
+    """
+
+    default_keys = [keys.GOAL_CELL], [keys.GOAL_VIEWS]
+    cells: Tensor
+    views: Tensor
+
+    def __init__(
+        self,
+        cells: Tensor,
+        views: Tensor,
+        *,
+        in_keys: Keys = None,
+        out_keys: Keys = None,
+    ) -> None:
+        if views.ndim != 5 or len(views) != len(cells) or not views.shape[1]:
+            raise ValueError(
+                f"views must be [{len(cells)}, V, H, W, C], some of each cell, got "
+                f"{tuple(views.shape)}"
+            )
+        super().__init__(in_keys, out_keys)
+        self.register_buffer("cells", cells.clone(), persistent=False)
+        self.register_buffer("views", views.clone(), persistent=False)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._show(tensordict_reset)
+
+    def _step(
+        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
+    ) -> TensorDictBase:
+        # The goal stays where it is: what was shown before, if it is still there.
+        shown = tensordict.get(self.out_keys[0], None)
+        if shown is None:
+            return self._show(next_tensordict)
+        return next_tensordict.set(self.out_keys[0], shown)
+
+    def _show(self, tensordict: TensorDictBase) -> TensorDictBase:
+        goal = tensordict[self.in_keys[0]]
+        self.to(goal.device)
+        is_at = (goal.unsqueeze(-2) == self.cells).all(-1)
+        if unknown := goal[~is_at.any(-1)].tolist():
+            rule = f"{self.in_keys[0]!r} must be a cell with views"
+            raise ValueError(f"{rule}, got {unknown[0]}")
+        return tensordict.set(self.out_keys[0], self.views[is_at.int().argmax(-1)])
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        goal = find_spec(observation_spec, self.in_keys[0], length=2)
+        shape = (*goal.shape[:-1], *self.views.shape[1:])
+        shown = Bounded(0, 255, shape, goal.device, self.views.dtype)
+        return observation_spec.set(self.out_keys[0], shown)
