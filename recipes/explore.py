@@ -28,6 +28,7 @@ from toponav.builders import (
     collect_batches,
     keep_freed_memory,
     prepare_networks,
+    running_episodes,
     save_networks,
     stop_collector,
 )
@@ -83,8 +84,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     log, consumers = make_consumers(
         settings, world, networks, learner, reward, state, folder
     )
+    episodes = None
     if settings.resume:
-        restore_exploration(folder, state, consumers)
+        episodes = restore_exploration(folder, state, consumers)
 
     # Blind baselines: what exploring must beat.
     if not state.evaluations:
@@ -96,14 +98,22 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     # Other processes explore, with weights from a mailbox.
     mailbox = Mailbox(explorer.modules(), versions=state.versions)
     collector = make_explore_collector(
-        settings, world, mailbox, keep=needed_keys(consumers), decisions=state.decisions
+        settings,
+        world,
+        mailbox,
+        keep=needed_keys(consumers),
+        decisions=state.decisions,
+        episodes=episodes,
     )
-    batches = collect_batches(collector, max_idle_s=settings.collect.max_idle_s)
+    max_idle_s = settings.collect.max_idle_s
+    batches = collect_batches(collector, max_idle_s=max_idle_s)
     report = ExplorationReport(settings, world, folder, state, log, consumers)
     saving = Timer(settings.report.save_every_s)
     started = time.monotonic() - state.seconds
     with stop_requests() as stop:
         try:
+            # Where every episode is, if they can be resumed.
+            episodes = running_episodes(collector, max_idle_s=max_idle_s)
             while state.progress < 1 and not stop.requested:
                 # Collect: what the others did with a policy of a moment ago.
                 batch = next(batches)
@@ -121,10 +131,14 @@ def main(settings: ExploreConfig, folder: Path) -> None:
                 # Report, and save between two batches.
                 report.update(measured, batch.numel())
                 if saving.is_due():
-                    save_exploration(folder, state, consumers)
-            save_exploration(folder, state, consumers)
+                    episodes = running_episodes(collector, max_idle_s=max_idle_s)
+                    save_exploration(folder, state, consumers, episodes)
+            episodes = running_episodes(collector, max_idle_s=max_idle_s)
+            save_exploration(folder, state, consumers, episodes)
         except CollectionError:
-            save_exploration(folder, state, consumers)
+            # Better an older state than one that has lost its episodes.
+            if episodes is None:
+                save_exploration(folder, state, consumers)
             if not stop.requested:
                 raise
         finally:

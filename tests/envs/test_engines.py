@@ -5,6 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.envs import StepCounter, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
@@ -53,6 +55,45 @@ class TestEveryEngine:
             assert data[keys.GOAL_CELL].tolist() == [list(cell) for cell in goals]
         finally:
             env.close()
+
+    def test_plays_running_episodes_again(self, engine: str) -> None:
+        options = {"engine": engine, "apples": 2, "goal": True, "privileged": True}
+        whole, other = (
+            MazeEnv(GATE, batch_size=3, episode_length=9, seed=seed, **options)
+            for seed in (0, 1)
+        )
+        generator = torch.Generator().manual_seed(0)
+
+        def play(env: MazeEnv, now: TensorDictBase, actions: Tensor) -> TensorDictBase:
+            steps = []
+            for action in actions:
+                step, now = env.step_and_maybe_reset(now.set("action", action))
+                steps.append(step["next"].clone())
+            return torch.stack(steps)
+
+        def draw(length: int) -> Tensor:
+            return torch.randint(
+                whole.world.num_actions, (length, 3), generator=generator
+            )
+
+        try:
+            start = whole.reset()
+            # The rows are in episodes of their own numbers, at decisions of their own.
+            play(whole, start, draw(5))
+            some = TensorDict({"_reset": torch.tensor([[True], [False], [False]])}, [3])
+            play(whole, whole.reset(some), draw(7))
+            other.reset()
+            other.games.resume_episodes(whole.games.running_episodes())
+            actions = draw(20)
+            first, second = (
+                play(env, start.clone(), actions) for env in (whole, other)
+            )
+            assert first["done"].sum() == 3 + 2 + 2
+            for key in first.keys(True, True):
+                assert torch.equal(first[key], second[key]), key
+        finally:
+            whole.close()
+            other.close()
 
     def test_moves_as_its_world_says(self, engine: str) -> None:
         env = MazeEnv(HALL, engine=engine, batch_size=8, velocity=True, seed=0)

@@ -92,3 +92,20 @@ def test_episodes_that_run_have_covered_something_too() -> None:
     coverage = batch["next", "privileged", "coverage"]
     coverage[0, -1], coverage[1, -1] = 0.25, 0.5
     assert log.extend(batch) == {"running_coverage": 0.375}
+
+
+def test_episodes_that_run_go_on_in_a_resumed_run() -> None:
+    config, whole, resumed = explore_settings(), make_log(4), make_log(4)
+    length = config.world.episode_length
+    starts = range(0, 3 * length, config.loss.rollout)
+    batches = [make_batch(config, start=start, seed=start) for start in starts]
+    cut = len(batches) // 2 - 1
+    for batch in batches[:cut]:
+        add(whole, batch)
+    resumed.load_state_dict(whole.state_dict())
+    resumed.resume_episodes(whole.running_episodes())
+    for batch in batches[cut:]:
+        assert add(whole, batch) == add(resumed, batch)
+    assert whole.ended
+    assert whole.last_episode is not None
+    assert (whole.last_episode == resumed.last_episode).all()

@@ -29,6 +29,7 @@ def test_a_new_version_embeds_the_first_views_too() -> None:
         mailbox=mailbox,
         keep=[EMBEDDING, NETWORK_PIXELS],
         decisions=0,
+        episodes=None,
         worker_idx=0,
         policy=LEARNERS[settings.loss.name].make_policy(settings, world),
         frames_per_batch=2 * settings.loss.rollout,

@@ -1,5 +1,6 @@
 """The map of an exploration: fed, judged, written, and taken up again."""
 
+import copy
 import csv
 import math
 
@@ -219,3 +220,19 @@ def test_the_first_decisions_can_be_left_out() -> None:
     growth.extend(batch)
     growth.extend(batch)
     assert growth.map.num_waypoints > 0
+
+
+def test_episodes_that_run_go_on_in_a_resumed_run() -> None:
+    config = settings()
+    whole, resumed = make_growth(config), make_growth(config)
+    whole.extend(make_walk(config))
+    # As in a checkpoint, nothing is shared.
+    state, running = copy.deepcopy((whole.state_dict(), whole.running_episodes()))
+    resumed.load_state_dict(state)
+    resumed.resume_episodes(running)
+    for growth in (whole, resumed):
+        growth.extend(make_walk(config, start=32, seed=32))
+    one, other = whole.map.state_dict(), resumed.map.state_dict()
+    assert torch.equal(one["origins"], other["origins"])
+    assert torch.equal(one["traversals"], other["traversals"])
+    assert torch.equal(whole.truth.poses.values, resumed.truth.poses.values)

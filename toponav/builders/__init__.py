@@ -49,6 +49,7 @@ from toponav.builders.processes import (
     make_autocast as make_autocast,
     make_device as make_device,
     one_thread as one_thread,
+    running_episodes as running_episodes,
     seed_of as seed_of,
     stop_collector as stop_collector,
 )

@@ -6,11 +6,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any
 
 import numpy as np
 import torch
 from tensordict import TensorDictBase
-from torchrl.collectors import BaseCollector
+from torchrl.collectors import BaseCollector, MultiSyncCollector
 
 from toponav.config import SettingsError, TrainingError
 from toponav.envs import EngineError, end_stray_engines
@@ -129,6 +130,20 @@ def collect_batches(
         with _watched(max_idle_s):
             batch = next(batches)
         yield batch
+
+
+def running_episodes(
+    collector: BaseCollector, *, max_idle_s: float
+) -> list[dict[str, Any]] | None:
+    """What processes need to resume their episodes, between two batches.
+
+    ``None`` if they never wait, or cannot play again; raises as `collect_batches`.
+    """
+    if not isinstance(collector, MultiSyncCollector):
+        return None
+    with _watched(max_idle_s):
+        states: list[Any] = collector.map_fn("running_episodes")
+    return None if None in states else states
 
 
 def stop_collector(collector: BaseCollector) -> None:

@@ -69,6 +69,8 @@ class Consumer:
     in_keys: Sequence[NestedKey] = ()
     #: Names of the attributes that a checkpoint keeps: values, or what has a state.
     saved: Sequence[str] = ()
+    #: Names of those that are of running episodes, if they are plain values.
+    running: Sequence[str] = ()
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Learn from or remember a batch ``[E, T]``; returns measurements to log."""
@@ -95,8 +97,17 @@ class Consumer:
             for name, part in parts.items()
         }
 
+    def running_episodes(self) -> dict[str, Any]:
+        """What it knows of episodes that are not over; `state_dict` leaves it out."""
+        return {name: getattr(self, name) for name in self.running}
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        """Called after `load_state_dict` if the episodes of the run go on."""
+        for name, value in state.items():
+            setattr(self, name, value)
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue where `state_dict` was taken."""
+        """Continue where `state_dict` was taken, with new episodes."""
         for name in self.saved:
             part = getattr(self, name)
             if hasattr(part, "load_state_dict"):

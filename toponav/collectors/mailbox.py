@@ -181,6 +181,34 @@ class MailboxCollector(Collector):
             self._batch.get(one.version_key).fill_(self.versions[one.name])
         return self._batch
 
+    def running_episodes(self) -> dict[str, Any] | None:
+        """What `resume_episodes` needs, between batches; ``None`` if it is unknown."""
+        games, transform = getattr(self.env.base_env, "games", None), self.env.transform
+        if games is None:
+            return None
+        weights = dict(transform.named_parameters())
+        kept = {k: v for k, v in transform.state_dict().items() if k not in weights}
+        return {
+            "games": games.running_episodes(),
+            "transforms": kept,
+            "carried": self._carrier.to_dict(),
+            "next_trajectory": self._traj_pool.state_dict()["traj_id"],
+            "versions": dict(self.versions),
+            "generator": torch.get_rng_state(),
+        }
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        """Go on where another collector of the same arguments was asked."""
+        self.env.base_env.games.resume_episodes(state["games"])
+        self.env.transform.load_state_dict(state["transforms"], strict=False)
+        self.pull()
+        self._carrier = self._carrier.empty().update(state["carried"])  # type: ignore[has-type]
+        self._traj_pool.load_state_dict({"traj_id": state["next_trajectory"]})
+        for one in self.subscriptions:
+            if one.refresh and self.versions[one.name] != state["versions"][one.name]:
+                one.refresh(self)
+        torch.set_rng_state(state["generator"])
+
     def _make_batch(self, collected: TensorDictBase) -> TensorDictBase:
         shape = collected.batch_size
         batch = collected.select(*self.keep) if self.keep else collected.copy()

@@ -24,9 +24,14 @@ class StaggeredEpisodes(Transform):
             raise ValueError(f"length must be at least 1, got {length}")
         super().__init__()
         self.length = length
-        # Episodes restart with a run, so their clocks are no part of its state.
         empty = torch.empty(0, dtype=torch.int64)
         self.register_buffer("left", empty, persistent=False)
+
+    def get_extra_state(self) -> Tensor:
+        return self.left
+
+    def set_extra_state(self, state: Tensor) -> None:
+        self.left = state
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

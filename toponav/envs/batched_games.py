@@ -2,10 +2,10 @@
 
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,7 @@ class BatchedGames:
         self._games: list[Game] = []
         self._scenes: dict[int, Scene] = {}
         self._lost = np.zeros(size, dtype=bool)
-        self._decisions = np.zeros(size, dtype=np.int64)
+        self._actions: list[list[int]] = [[] for _ in range(size)]
         # Poses after the last decision and before it.
         self._poses, self._moves_from = np.zeros((2, size, 3))
         self._pixels = np.zeros((size, *engine.world.view_size, 3), dtype=np.uint8)
@@ -76,14 +76,16 @@ class BatchedGames:
 
     def seed(self, seed: int | None) -> None:
         """Begin new streams of episodes, one a row; ``None`` draws a seed."""
-        self._streams = episode_streams(seed, self.size)
+        sequence: Any = np.random.SeedSequence(seed)
+        self._seed: int = sequence.entropy
+        self._begun = [0] * self.size  # episodes of each row
+        self._streams = episode_streams(self._seed, self.size)
 
     def reset(self, rows: Sequence[int]) -> Snapshot:
         """Begin a new episode in some rows; the others stay as they are."""
         self._check_process()
         self._pixels = self._pixels.copy()
         self._threads.run(self._reset_row, rows)
-        self._decisions[list(rows)] = 0
         return self._snapshot(np.zeros(self.size, dtype=np.float32))
 
     def step(
@@ -102,25 +104,30 @@ class BatchedGames:
                     f"action must be in [0, {num_actions}), got {actions[row]}"
                 )
         self._pixels = self._pixels.copy()
-        self._decisions[list(rows)] += 1
         reward = np.zeros(self.size, dtype=np.float32)
 
         def step_row(row: int) -> None:
-            game = self._games[row]
-            if not self._lost[row]:
-                try:
-                    game.step(actions[row])
-                    reward[row] = game.reward
-                except EngineLostError as error:
-                    self._lost[row] = True
-                    _warn(row, error)
-            moved = not (self._lost[row] or game.respawned)
-            self._moves_from[row] = self._poses[row] if moved else game.pose
-            self._poses[row] = game.pose
-            self._pixels[row] = game.pixels
+            reward[row] = self._step_row(row, actions[row])
 
         self._threads.run(step_row, rows)
         return self._snapshot(reward)
+
+    def running_episodes(self) -> dict[str, Any]:
+        """What `resume_episodes` needs, as plain values; moved slots are not in it."""
+        return {"seed": self._seed, "begun": self._begun, "actions": self._actions}
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        """Play episodes again up to where `running_episodes` was called."""
+        self.seed(state["seed"])
+
+        def play(row: int) -> None:
+            self._begun[row] = state["begun"][row] - 1
+            self._streams[row].integers(2**63, size=self._begun[row])
+            self._reset_row(row)
+            for action in state["actions"][row]:
+                self._step_row(row, action)
+
+        self._threads.run(play, range(self.size))
 
     def poses(self) -> NDArray[np.float64]:
         """Where the agents stand: x, y, heading, ``[E, 3]``."""
@@ -191,11 +198,14 @@ class BatchedGames:
             )
 
     def _snapshot(self, reward: NDArray[np.float32]) -> Snapshot:
-        truncated = self._lost | (self._decisions >= self._episode_length)
+        played = np.array([len(row) for row in self._actions])
+        truncated = self._lost | (played >= self._episode_length)
         return Snapshot(self._pixels, reward, truncated)
 
     def _reset_row(self, row: int) -> None:
         game = self._games[row]
+        self._begun[row] += 1
+        self._actions[row] = []
         seed = int(self._streams[row].integers(2**63))
         for is_second_try in (False, True):
             try:
@@ -213,6 +223,22 @@ class BatchedGames:
         self._lost[row] = False
         self._poses[row] = self._moves_from[row] = game.pose
         self._pixels[row] = game.pixels
+
+    def _step_row(self, row: int, action: int) -> float:
+        game, reward = self._games[row], 0.0
+        self._actions[row].append(action)
+        if not self._lost[row]:
+            try:
+                game.step(action)
+                reward = game.reward
+            except EngineLostError as error:
+                self._lost[row] = True
+                _warn(row, error)
+        moved = not (self._lost[row] or game.respawned)
+        self._moves_from[row] = self._poses[row] if moved else game.pose
+        self._poses[row] = game.pose
+        self._pixels[row] = game.pixels
+        return reward
 
 
 def _warn(row: int, error: EngineLostError) -> None:

@@ -1,9 +1,10 @@
 """`Discovery`: which observations become waypoints, and which edges join them."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 import torch
@@ -76,6 +77,14 @@ class Discovery:
 
     def clear(self) -> None:
         self._tracks.clear()
+
+    def running_episodes(self) -> dict[str, Any]:
+        tracks = [dict(vars(track)) for track in self._tracks.values()]
+        return {"tracks": tracks, "counts": dict(self._counts)}
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        self._tracks = {one["env"]: Track(**one) for one in state["tracks"]}
+        self._counts = dict(state["counts"])
 
     def renumber(self, number: Tensor) -> None:
         """Apply the new numbers of all waypoints, int64 ``[W]``, after a merge."""

@@ -76,7 +76,8 @@ class TopologicalMap:
         self.network_version = 0
         self.waypoints = Waypoints(embed, compare, prepare)
         self.graph = WaypointGraph(untraversed_edge_cost=rules.untraversed_edge_cost)
-        self._discovery = Discovery(self.waypoints, self.graph, rules)
+        #: It has the episodes that are not finished, too.
+        self.discovery = Discovery(self.waypoints, self.graph, rules)
 
     def set_keys(self, **keys: NestedKey) -> None:
         """Change the keys that are read of a batch, by the names of `MapKeys`."""
@@ -84,7 +85,7 @@ class TopologicalMap:
 
     @property
     def rules(self) -> MapRules:
-        return self._discovery.rules
+        return self.discovery.rules
 
     @property
     def num_waypoints(self) -> int:
@@ -115,7 +116,7 @@ class TopologicalMap:
         if data.batch_dims != 1 or not len(data):
             raise ValueError(f"an episode must be [T >= 1], got {list(data.shape)}")
         pieces = self._read(data.unsqueeze(0), whole=True)
-        return torch.tensor(self._discovery.add(pieces))
+        return torch.tensor(self.discovery.add(pieces))
 
     def extend(self, data: TensorDictBase) -> int:
         """Continue episodes by a batch ``[E, T]``; count the new waypoints.
@@ -126,7 +127,7 @@ class TopologicalMap:
         if data.batch_dims != 2 or not data.shape[1]:
             raise ValueError(f"batches must be [E, T >= 1], got {list(data.shape)}")
         before = self.num_waypoints
-        self._discovery.add(self._read(data, whole=False))
+        self.discovery.add(self._read(data, whole=False))
         return self.num_waypoints - before
 
     def _read(self, data: TensorDictBase, *, whole: bool) -> list[Piece]:
@@ -137,7 +138,7 @@ class TopologicalMap:
 
     def set_thresholds(self, tc_threshold: float, tc_reach: float) -> None:
         """Change the rules' thresholds."""
-        self._discovery.rules = replace(
+        self.discovery.rules = replace(
             self.rules, tc_threshold=tc_threshold, tc_reach=tc_reach
         )
 
@@ -148,7 +149,7 @@ class TopologicalMap:
         traversed and are not reached any more are dropped and counted.
         """
         self.waypoints.refresh()
-        self._discovery.refresh()
+        self.discovery.refresh()
         self.network_version = version
         similarity = self.waypoints.pair_similarities(*self.edges.unbind(1))
         return self.graph.update_similarities(similarity, self.rules.tc_reach)
@@ -167,7 +168,7 @@ class TopologicalMap:
         number = torch.searchsorted(kept, into)
         self.waypoints.keep(kept)
         self.graph.merge(number)
-        self._discovery.renumber(number)
+        self.discovery.renumber(number)
         return number
 
     def state_dict(self) -> dict[str, Any]:
@@ -186,7 +187,7 @@ class TopologicalMap:
         self.waypoints.load_state_dict(state)
         self.graph.load_state_dict(state, self.num_waypoints)
         self.network_version = state["network_version"]
-        self._discovery.clear()
+        self.discovery.clear()
 
 
 def sparsify(topological_map: TopologicalMap, *, tolerance: float = 0.1) -> Tensor:

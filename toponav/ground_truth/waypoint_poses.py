@@ -26,23 +26,23 @@ class WaypointPoses:
     def __init__(self, poses: Tensor | None = None) -> None:
         #: float32 ``[W, 3]``: x and y in map units, heading in degrees.
         self.values = torch.empty(0, 3) if poses is None else poses
-        # The last poses of each environment, and how many came before them.
-        self._last: dict[int, tuple[int, Tensor]] = {}
+        #: The last poses of each environment, and how many came before them.
+        self.last: dict[int, tuple[int, Tensor]] = {}
 
     def remember(self, data: TensorDictBase) -> None:
         """Keep the poses of the batch ``[E, T]`` that the map is fed."""
         poses = torch.cat([data.get(POSITION), data.get(HEADING)], -1).float().cpu()
         envs = data.get(ENV_ID)[:, 0].flatten().tolist()
         for env, new in zip(envs, poses, strict=True):
-            begin, old = self._last.get(env, (0, torch.empty(0, 3)))
+            begin, old = self.last.get(env, (0, torch.empty(0, 3)))
             begin += max(len(old) - _BACK, 0)
-            self._last[env] = begin, torch.cat([old[-_BACK:], new])
+            self.last[env] = begin, torch.cat([old[-_BACK:], new])
 
     def extend(self, origins: Tensor) -> None:
         """Look up the poses of new waypoints by the origins ``[W, 2]`` of all."""
         new = []
         for env, number in origins[len(self.values) :].tolist():
-            begin, poses = self._last[env]
+            begin, poses = self.last[env]
             if not begin <= number < begin + len(poses):
                 raise KeyError(f"observation {number} of environment {env}")
             new.append(poses[number - begin])

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,17 +49,12 @@ class ExplorationReport:
             smoothing=0.05,
         )
         self._drawing = Timer(self.settings.report.pictures_every_s)
-        #: Of each measurement, its values since the last row.
-        self._measured: defaultdict[str, list[float]] = defaultdict(list)
-        self._ended: list[Row] = []
-        self._lr = 0.0
 
     def update(self, measured: Mapping[str, float], decisions: int) -> None:
         """Count what was measured of a batch; write rows and pictures if it is time."""
-        self._lr = measured.get("lr", self._lr)
         for name, value in measured.items():
-            self._measured[name].append(value)
-        self._ended += self.log.ended
+            self.state.measured.setdefault(name, []).append(value)
+        self.state.ended += self.log.ended
         self.bar.update(decisions)
         is_last = self.state.progress == 1
         last = self.state.history[-1] if self.state.history else _START
@@ -82,21 +76,20 @@ class ExplorationReport:
             "seconds": state.seconds,
             "decisions_per_second": (state.decisions - last["decisions"]) / seconds,
             "episodes": len(log.rows),
-            **{name: mean_of(self._ended, name) for name in (*log.ends, *log.sums)},
+            **{name: mean_of(state.ended, name) for name in (*log.ends, *log.sums)},
             **_correlate(log.rows[-_CORRELATED:]),
             **{
                 name: fmean(values) if values else math.nan
-                for name, values in self._measured.items()
+                for name, values in state.measured.items()
             },
             # Of the last batch, not a mean.
-            "lr": self._lr,
+            "lr": (state.measured.get("lr") or [0.0])[-1],
             "policy_version": state.versions.get(POLICY, 0),
             "networks_version": state.versions.get(NETWORKS, 0),
         }
-        self._ended = []
+        state.ended = []
         # The names stay: every row has all columns.
-        for values in self._measured.values():
-            values.clear()
+        state.measured = {name: [] for name in state.measured}
         state.history.append(row)
         for logger in self.loggers:
             named = {f"explore/{name}": value for name, value in row.items()}

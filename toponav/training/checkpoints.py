@@ -1,8 +1,9 @@
 """What a run has done so far, and the checkpoints from which it is resumed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -29,6 +30,9 @@ class ExplorationState:
     versions: dict[str, int] = field(default_factory=dict)  # newest published, by name
     history: list[Row] = field(default_factory=list)  # rows of metrics.csv
     evaluations: list[Row] = field(default_factory=list)  # rows of evaluation.csv
+    # Since the last row of metrics.csv: what was measured, and the episodes that ended.
+    measured: dict[str, list[float]] = field(default_factory=dict)
+    ended: list[Row] = field(default_factory=list)
 
     def count(
         self, decisions: int, seconds: float, collect: ExploreCollectConfig
@@ -54,13 +58,17 @@ class ExplorationState:
 
 
 def save_exploration(
-    folder: Path, state: ExplorationState, consumers: Mapping[str, Consumer]
+    folder: Path,
+    state: ExplorationState,
+    consumers: Mapping[str, Consumer],
+    episodes: Sequence[Mapping[str, Any]] | None = None,
 ) -> None:
     """Write ``checkpoint.pt`` atomically, between two batches.
 
-    Within one, some consumers have seen what others have not. After a restart,
-    episodes begin with other scenes, and the views to continue training with are
-    collected again.
+    Within one, some consumers have seen what others have not. With ``episodes``, of
+    `running_episodes`, a resumed run does what it would have done, to the last digit,
+    unless ``online.learn`` needs views, which are collected again. Without (with
+    ``collect.mode=async`` or ``world=gym``) it begins new ones, with other scenes.
     """
     checkpoint: dict[str, object] = {
         **_EXPLORATION,
@@ -68,13 +76,16 @@ def save_exploration(
         "consumers": {name: one.state_dict() for name, one in consumers.items()},
         "torch_generator": torch.get_rng_state(),
     }
+    if episodes is not None:
+        running = {name: one.running_episodes() for name, one in consumers.items()}
+        checkpoint["episodes"] = {"collectors": episodes, "consumers": running}
     save_atomically(checkpoint, folder / CHECKPOINT_FILE)
 
 
 def restore_exploration(
     folder: Path, state: ExplorationState, consumers: Mapping[str, Consumer]
-) -> None:
-    """Read what `save_exploration` wrote into the same objects.
+) -> list[dict[str, Any]] | None:
+    """Read what `save_exploration` wrote into the same objects; returns ``episodes``.
 
     A run that was cut off before its first checkpoint begins at its start.
 
@@ -83,15 +94,22 @@ def restore_exploration(
     """
     path = folder / CHECKPOINT_FILE
     if not path.is_file():
-        return
+        return None
     with reading_checkpoint(path, "resume", _EXPLORATION, "an exploration") as found:
         for name, consumer in consumers.items():
             # A run that resumes with a part that it had not gets it fresh.
             if name in found["consumers"]:
                 consumer.load_state_dict(found["consumers"][name])
         torch.set_rng_state(found["torch_generator"])
-        for name in vars(state):
-            setattr(state, name, found["state"][name])
+        # Earlier runs have fewer entries.
+        for name, value in found["state"].items():
+            setattr(state, name, value)
+        if (running := found.get("episodes")) is None:
+            return None
+        for name, episodes in running["consumers"].items():
+            consumers[name].resume_episodes(episodes)
+    collectors: list[dict[str, Any]] = running["collectors"]
+    return collectors
 
 
 def save_policy(folder: Path, weights: Mapping[str, Tensor]) -> None:

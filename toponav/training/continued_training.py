@@ -120,6 +120,7 @@ class LocomotionFinetuner(Consumer):
     """
 
     in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")
+    running = ("_first_episode",)
 
     def __init__(
         self, settings: ExploreConfig, networks: Networks, check: Check
@@ -140,7 +141,7 @@ class LocomotionFinetuner(Consumer):
         self.buffer.set_rng(self.generator)
         # A run that is resumed after the training starts again with this head.
         self._start = copy.deepcopy(self.head.state_dict())
-        # The collectors of a resumed run number their episodes from 0 again.
+        # Collectors that begin new episodes number them from 0 again.
         self._first_episode = 0
 
     def extend(self, batch: TensorDictBase) -> dict[str, float]:

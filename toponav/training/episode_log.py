@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from toponav import keys
@@ -88,8 +89,20 @@ class EpisodeLog(Consumer):
             "networks_version": 0 if version is None else int(version),
         }
 
+    def running_episodes(self) -> dict[str, Any]:
+        pieces = [one.to_dict() for one in self._pieces]
+        last = None if self.last_episode is None else self.last_episode.to_dict()
+        return {"totals": self._totals, "pieces": pieces, "last": last}
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        self._totals, last = state["totals"].clone(), state["last"]
+        read = partial(TensorDict.from_dict, batch_dims=1)
+        self._pieces = [read(one) for one in state["pieces"]]
+        self.last_episode = last and read(last)
+
     def _keep_first(self, batch: TensorDictBase, envs: Tensor, done: Tensor) -> None:
         """Keep what the first environment did since its episode began."""
+        batch = batch.select(*self.in_keys, strict=False)
         for row in (envs == 0).nonzero().flatten().tolist():
             start = 0
             for (time,) in done[row].nonzero().tolist():

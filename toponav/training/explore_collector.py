@@ -1,6 +1,6 @@
 """The explorer, its environments, and the processes in which it explores."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -142,17 +142,18 @@ def make_explore_collector(
     *,
     keep: Sequence[NestedKey],
     decisions: int = 0,
+    episodes: Sequence[Mapping[str, Any]] | None = None,
 ) -> BaseCollector:
     """Processes that explore with the weights in a mailbox of `Explorer.modules`.
 
     Each hands over batches ``[E, T]`` with the keys ``keep``, with
     ``collect.mode=async`` while the caller learns from the last one; it then is at most
     two batches behind the newest weights. With ``sync`` all wait for the caller and
-    hand over one batch together. If an earlier part of the run made ``decisions``, its
-    episodes do not come again.
+    hand over one batch together. If an earlier part of the run made ``decisions``, it
+    goes on with its ``episodes``, which `running_episodes` has given, or with new ones.
 
     Iterate with `collect_batches`; end it in ``finally`` with `stop_collector`; never
-    ask it for its state while it runs (it would drop a rollout and hang).
+    ask it for TorchRL's state while it runs (it would drop a rollout and hang).
 
     Raises:
         EngineError: if the engine cannot start.
@@ -166,6 +167,7 @@ def make_explore_collector(
         mailbox=mailbox,
         keep=keep,
         decisions=decisions,
+        episodes=episodes,
     )
     policy = partial(LEARNERS[settings.loss.name].make_policy, settings, world)
     arguments: dict[str, Any] = {
@@ -199,6 +201,7 @@ def make_worker_collector(
     world: World,
     mailbox: Mailbox,
     decisions: int,
+    episodes: Sequence[Mapping[str, Any]] | None,
     worker_idx: int,
     create_env_kwargs: dict[str, Any] | None = None,
     **kwargs: Any,
@@ -218,7 +221,7 @@ def make_worker_collector(
         explorer.novelty = make_empty_novelty(settings.model, world.spec)
     for name, module in explorer.modules().items():
         mailbox.pull(name, module)
-    return MailboxCollector(
+    collector = MailboxCollector(
         create_env_fn,
         create_env_kwargs={
             "settings": settings,
@@ -232,6 +235,9 @@ def make_worker_collector(
         subscriptions=_subscriptions(explorer),
         **kwargs,
     )
+    if episodes is not None:
+        collector.resume_episodes(episodes[worker_idx])
+    return collector
 
 
 def _subscriptions(explorer: Explorer) -> list[Subscription]:

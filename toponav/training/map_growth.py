@@ -44,7 +44,6 @@ class MapGrowth(Consumer):
     ahead of the version with which the explorers embed.
     """
 
-    # Episodes that are not over are not kept.
     saved = ("map", "truth", "rows", "decisions", "pretraining_decisions")
 
     def __init__(
@@ -142,6 +141,15 @@ class MapGrowth(Consumer):
         super().load_state_dict(state)
         if self.trains_online:
             self._embed(self.map.network_version)
+
+    def running_episodes(self) -> dict[str, Any]:
+        poses = {} if self.truth is None else self.truth.poses.last
+        return {"map": self.map.discovery.running_episodes(), "poses": poses}
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        self.map.discovery.resume_episodes(state["map"])
+        if self.truth is not None:
+            self.truth.poses.last = state["poses"]
 
 
 class MapTruth:

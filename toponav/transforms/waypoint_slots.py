@@ -1,6 +1,6 @@
 """`WaypointSlots`: which waypoints each env has, and how often it visited them."""
 
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor, nn
@@ -55,9 +55,11 @@ class WaypointSlots(ResizableBuffers, nn.Module):
         for name in ("num_waypoints", *_SINCE_START):
             self.register_buffer(name, torch.empty(0, dtype=torch.int64))
 
-    def _load_from_state_dict(self, *args: Any) -> None:
-        super()._load_from_state_dict(*args)
-        self.read_num_used()
+    def get_extra_state(self) -> int:
+        return self.num_used
+
+    def set_extra_state(self, state: int) -> None:
+        self.num_used = state
 
     @property
     def live(self) -> Tensor:

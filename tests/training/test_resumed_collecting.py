@@ -1,0 +1,115 @@
+"""A collector goes on where another one was, on an engine without processes."""
+
+import copy
+from collections.abc import Iterator
+
+import pytest
+import torch
+from tensordict import TensorDictBase
+
+from tests.collectors import test_mailbox_collector
+from tests.envs import fake_engine
+from tests.exploring import explore_settings, world_of
+from toponav.builders import make_networks
+from toponav.collectors import Mailbox, MailboxCollector
+from toponav.config import ExploreConfig
+from toponav.envs import ENGINES
+from toponav.methods import LEARNERS, make_reward
+from toponav.training.explore_collector import (
+    Explorer,
+    make_worker_collector,
+    make_worker_env,
+)
+
+SMALL = ("engine=fake", "maze=maze1", "policy.view_size=36", "loss.rollout=16")
+#: Settings with everything that has a state of its own.
+RUNS = [
+    ("reward.threshold=0.5", "collect.noisy_tv=true"),
+    ("reward.threshold=0.5", "policy.input=pixels", "online.learn=true"),
+    ("reward=rnd",),
+    ("reward=random",),
+]
+
+
+@pytest.fixture(autouse=True)
+def registered_fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    yield
+    fake_engine.GAMES.clear()
+
+
+def make_explorer(config: ExploreConfig) -> Explorer:
+    torch.manual_seed(0)
+    world, networks = world_of(config), None
+    if config.reward.name == "novelty":
+        networks = make_networks(config.model, world.spec)
+    policy = LEARNERS[config.loss.name].make_policy(config, world)
+    return Explorer(policy, make_reward(config, world, networks), networks)
+
+
+def make_collector(
+    config: ExploreConfig, mailbox: Mailbox, **given: object
+) -> MailboxCollector:
+    world = world_of(config)
+    arguments = {"decisions": 0, "episodes": None, **given}
+    return make_worker_collector(
+        make_worker_env,
+        settings=config,
+        world=world,
+        mailbox=mailbox,
+        worker_idx=0,
+        policy_factory=lambda: LEARNERS[config.loss.name].make_policy(config, world),
+        frames_per_batch=config.collect.envs * config.loss.rollout,
+        use_buffers=True,
+        return_same_td=True,
+        auto_register_policy_transforms=False,
+        **arguments,
+    )
+
+
+def batches(collector: MailboxCollector, number: int) -> list[TensorDictBase]:
+    return [collector.rollout().clone() for _ in range(number)]
+
+
+@pytest.mark.parametrize("overrides", RUNS)
+def test_a_collector_goes_on_where_another_one_was(overrides: tuple[str, ...]) -> None:
+    config = explore_settings(*SMALL, *overrides)
+    explorer = make_explorer(config)
+    mailbox = Mailbox(explorer.modules())
+    whole = make_collector(config, mailbox)
+    # Not a multiple of an episode's 64 decisions, after the first cuts.
+    batches(whole, 5)
+    state = copy.deepcopy(whole.running_episodes())
+    for name, module in explorer.modules().items():
+        for value in module.parameters():
+            value.data.mul_(1.1)
+        if name != "networks" or config.online.learn:
+            mailbox.publish(name, module)
+    expected = batches(whole, 4)
+    whole.shutdown()
+    # A process of its own would have other seeds, and other random numbers so far.
+    resumed = make_collector(config, mailbox, decisions=1, episodes=[state])
+    found = batches(resumed, 4)
+    resumed.shutdown()
+    assert sum(int(batch["next", "done"].sum()) for batch in expected) >= 4
+    for one, other in zip(expected, found, strict=True):
+        assert set(one.keys(True, True)) == set(other.keys(True, True))
+        for key in one.keys(True, True):
+            assert torch.equal(one[key], other[key]), key
+
+
+def test_what_is_kept_holds_no_weights() -> None:
+    config = explore_settings(*SMALL, "reward=rnd")
+    collector = make_collector(config, Mailbox(make_explorer(config).modules()))
+    kept = collector.running_episodes()
+    collector.shutdown()
+    assert kept is not None
+    assert not [name for name in kept["transforms"] if name.endswith("weight")]
+
+
+def test_an_environment_that_cannot_play_again_has_nothing_to_keep() -> None:
+    collector = test_mailbox_collector.make_collector(
+        test_mailbox_collector.make_mailbox()
+    )
+    assert collector.running_episodes() is None
+    collector.shutdown()
