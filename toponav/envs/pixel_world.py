@@ -54,10 +54,8 @@ def make_pixel_env(
         >>> env.close()
     """
     if min(batch_size, episode_length) < 1:
-        raise ValueError(
-            "batch_size and episode_length must be at least 1, "
-            f"got {batch_size} and {episode_length}"
-        )
+        got = f"{batch_size} and {episode_length}"
+        raise ValueError(f"batch_size and episode_length must be at least 1, got {got}")
     envs: list[GymEnv] = []
     try:
         for _ in range(batch_size):
@@ -137,10 +135,8 @@ def _make_gym_env(id: str, render: bool) -> GymEnv:
     try:
         return gymnasium.make(id, **options)
     except (gymnasium.error.Error, ImportError) as error:
-        raise ValueError(
-            f"id must name a Gymnasium environment, got '{id}': "
-            f"{str(error).strip().splitlines()[0]}"
-        ) from error
+        got = f"'{id}': {str(error).strip().splitlines()[0]}"
+        raise ValueError(f"id must name a Gymnasium environment, got {got}") from error
 
 
 def _show_pictures(id: str, env: GymEnv, render: bool) -> GymEnv:

@@ -35,10 +35,8 @@ class SceneRules:
         free = _free_cells(layout)
         room = len(free) - 1 - self.goal
         if room < 0:
-            raise ValueError(
-                f"goal must be false in {layout.name}: it has one cell, which is "
-                "the start, got true"
-            )
+            rule = f"goal must be false in {layout.name}: its one cell is the start"
+            raise ValueError(f"{rule}, got true")
         if not 0 <= self.apples <= room:
             raise ValueError(
                 f"apples must be at least 0 and at most {room} in {layout.name} (one "

@@ -76,10 +76,8 @@ class Routes:
 
     def tables(self, blocked: Tensor) -> Tensor:
         """Which of ``distances`` hold for closed slots bool ``[B, S]``, ``[B]``."""
-        if blocked.shape[-1] != len(self.slots):
-            raise ValueError(
-                f"blocked must have {len(self.slots)} slots, got {blocked.shape[-1]}"
-            )
+        if (given := blocked.shape[-1]) != len(self.slots):
+            raise ValueError(f"blocked must have {len(self.slots)} slots, got {given}")
         rows = [tuple(row) for row in blocked.tolist()]
         for closed in dict.fromkeys(rows):
             if closed not in self._table_of:

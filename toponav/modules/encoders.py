@@ -12,17 +12,13 @@ def check_pixels(pixels: Tensor, *image_sizes: tuple[int, int]) -> None:
     """Raise ValueError unless ``[*B, H, W, 3]``, of such a size, uint8 or float."""
     if tuple(pixels.shape[-3:]) not in [(*size, 3) for size in image_sizes]:
         expected = " or ".join(str([*size, 3]) for size in image_sizes)
-        raise ValueError(
-            f"pixels must end in the shape {expected} (height, width, RGB), got "
-            f"{list(pixels.shape)}."
-        )
+        got = list(pixels.shape)
+        raise ValueError(f"pixels must end in the shape {expected} (RGB), got {got}.")
     # Environments yield uint8: no search for NaN where speed counts.
     if pixels.dtype == torch.uint8:
         return
     if not pixels.is_floating_point():
-        raise ValueError(
-            f"pixels must be uint8 in 0..255 or float in [0, 1], got {pixels.dtype}."
-        )
+        raise ValueError(f"pixels must be uint8 or float in 0..1, got {pixels.dtype}.")
     if not torch.compiler.is_compiling() and not bool(pixels.isfinite().all()):
         raise ValueError("pixels must be finite, got NaN or infinity.")
 
@@ -268,10 +264,8 @@ class EmbeddingTrunk(nn.Module):
 
     def forward(self, embedding: Tensor) -> Tensor:
         if embedding.shape[-1] != self.embedding_dim:
-            raise ValueError(
-                f"embedding must have the length {self.embedding_dim}, got "
-                f"{list(embedding.shape)}."
-            )
+            lengths = f"{self.embedding_dim}, got {list(embedding.shape)}"
+            raise ValueError(f"embedding must have the length {lengths}.")
         dtype = self.project.weight.dtype
         # Another objective trains the network behind the embedding.
         return F.relu_(self.project(embedding.detach().to(dtype)))

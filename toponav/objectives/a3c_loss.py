@@ -94,10 +94,8 @@ class A3CLoss(GAEMixin, LossModule):
         reduction: Reduction = "unroll",
     ) -> None:
         super().__init__()
-        if reduction not in get_args(Reduction):
-            raise ValueError(
-                f"reduction must be one of {get_args(Reduction)}, got {reduction!r}."
-            )
+        if reduction not in (choices := get_args(Reduction)):
+            raise ValueError(f"reduction must be one of {choices}, got {reduction!r}.")
         if critic_network is None and not hasattr(actor_network, "unroll"):
             raise ValueError(
                 "critic_network must be given with an actor_network without unroll(), "

@@ -45,17 +45,12 @@ def action_numbers(action: Tensor, num_actions: int, shape: torch.Size) -> Tenso
         raise ValueError(f"action must be integers or bools, got {action.dtype}.")
     if action.shape == shape:
         if ((action < 0) | (action >= num_actions)).any():
-            low, high = int(action.min()), int(action.max())
-            raise ValueError(
-                f"action must be in [0, {num_actions}), got numbers from {low} to "
-                f"{high}."
-            )
+            got = f"numbers from {int(action.min())} to {int(action.max())}"
+            raise ValueError(f"action must be in [0, {num_actions}), got {got}.")
         return action.long()
     if action.shape != (*shape, num_actions):
-        raise ValueError(
-            f"action must be numbers of the shape {list(shape)} or one-hot of the "
-            f"shape {[*shape, num_actions]}, got {list(action.shape)}."
-        )
+        rule = f"numbers of the shape {list(shape)} or one-hot {[*shape, num_actions]}"
+        raise ValueError(f"action must be {rule}, got {list(action.shape)}.")
     numbers = action.long().argmax(-1)
     wrong = (action != F.one_hot(numbers, num_actions)).any(-1)
     if wrong.any():
@@ -153,10 +148,8 @@ def read_entry(
             f"set_keys({name}=...)), got {sorted(map(str, tensordict.keys()))}."
         )
     if shape is not None and entry.shape != shape:
-        raise ValueError(
-            f"{key!r}, the key of {name}, must have the shape {list(shape)}, got "
-            f"{list(entry.shape)}."
-        )
+        shapes = f"{list(shape)}, got {list(entry.shape)}"
+        raise ValueError(f"{key!r}, the key of {name}, must have the shape {shapes}.")
     return entry
 
 

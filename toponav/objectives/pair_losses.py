@@ -74,10 +74,8 @@ class TCLoss(PairLoss):
 
     def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
         if predicted.shape != wanted.shape:
-            raise ValueError(
-                f"label must have the logit's shape {list(predicted.shape)}, got "
-                f"{list(wanted.shape)}."
-            )
+            shapes = f"{list(predicted.shape)}, got {list(wanted.shape)}"
+            raise ValueError(f"label must have the logit's shape {shapes}.")
         label = wanted.to(predicted.dtype)
         loss = F.binary_cross_entropy_with_logits(predicted, label, reduction="none")
         return loss, (predicted > 0) == (label > 0.5)
@@ -102,10 +100,8 @@ class LLoss(PairLoss):
 
     def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
         if predicted.shape[:-1] != wanted.shape:
-            raise ValueError(
-                f"action must have the shape {list(predicted.shape[:-1])} of the "
-                f"logits without their last dimension, got {list(wanted.shape)}."
-            )
+            shapes = f"{list(predicted.shape[:-1])}, got {list(wanted.shape)}"
+            raise ValueError(f"action must have the shape {shapes}.")
         loss = F.cross_entropy(
             predicted.flatten(0, -2), wanted.flatten(), reduction="none"
         )

@@ -145,16 +145,12 @@ class SequenceMinibatches:
         """One pass over a batch ``[*B, T]``, time last, in minibatches ``[N, L]``."""
         length, total = self.sequence_length, batch.batch_size[-1]
         if total % length:
-            raise ValueError(
-                f"sequence_length must divide the slice's {total} decisions, got "
-                f"{length}."
-            )
+            rule = f"sequence_length must divide the slice's {total} decisions"
+            raise ValueError(f"{rule}, got {length}.")
         sequences = batch.exclude("next").reshape(-1, length)
         if len(sequences) < self.num_minibatches:
-            raise ValueError(
-                f"num_minibatches must be at most the batch's {len(sequences)} "
-                f"sequences, got {self.num_minibatches}."
-            )
+            most = f"the batch's {len(sequences)} sequences, got {self.num_minibatches}"
+            raise ValueError(f"num_minibatches must be at most {most}.")
         order = torch.randperm(len(sequences), generator=self.generator)
         for part in order.tensor_split(self.num_minibatches):
             # Indexing copies bytes one at a time: seven times slower for images.

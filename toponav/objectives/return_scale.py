@@ -92,11 +92,9 @@ class ReturnScale(TensorDictModuleBase):
     def _envs(self, tensordict: TensorDictBase) -> Tensor:
         rows = torch.arange(tensordict.batch_size[0], device=self.count.device)
         envs: Tensor = tensordict.get(ENV_ID, rows.reshape(-1, 1, 1))[:, 0].reshape(-1)
-        if int(envs.max()) >= self.num_envs:
-            raise ValueError(
-                f"num_envs must be above every env's number, got {self.num_envs} and "
-                f"the env {int(envs.max())}."
-            )
+        if (highest := int(envs.max())) >= self.num_envs:
+            got = f"{self.num_envs} and the env {highest}"
+            raise ValueError(f"num_envs must be above every env's number, got {got}.")
         return envs
 
     def _returns(self, reward: Tensor, done: Tensor, envs: Tensor) -> Tensor:

@@ -84,9 +84,8 @@ class StickyPolicy(TensorDictModuleBase):
         if not 0 <= stickiness <= 1:
             raise ValueError(f"stickiness must be in [0, 1], got {stickiness}")
         if len(weights) != num_actions or min(weights) < 0 or sum(weights) <= 0:
-            raise ValueError(
-                f"weights must be {num_actions} positive numbers, got {tuple(weights)}"
-            )
+            rule = f"weights must be {num_actions} positive numbers"
+            raise ValueError(f"{rule}, got {tuple(weights)}")
         super().__init__()
         self.stickiness = stickiness
         self.generator = torch.Generator().manual_seed(seed)

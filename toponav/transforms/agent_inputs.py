@@ -64,10 +64,8 @@ class AreaDownsample(ViewTransform):
 
     def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
         if any(side % self.factor for side in view.shape[-3:-1]):
-            raise ValueError(
-                f"{key!r} must be images whose height and width are multiples of "
-                f"{self.factor}, got {list(view.shape)}"
-            )
+            rule = f"{key!r} must have sides that are multiples of {self.factor}"
+            raise ValueError(f"{rule}, got {list(view.shape)}")
         # The bounds of a square's first pixel stand for those of the mean.
         return view[..., :: self.factor, :: self.factor, :]
 
@@ -247,10 +245,8 @@ class GoalViews(KeyedTransform):
         out_keys: Keys = None,
     ) -> None:
         if views.ndim != 5 or len(views) != len(cells) or not views.shape[1]:
-            raise ValueError(
-                f"views must be [{len(cells)}, V, H, W, C], some of each cell, got "
-                f"{tuple(views.shape)}"
-            )
+            rule = f"views must be [{len(cells)}, V, H, W, C], some of each cell"
+            raise ValueError(f"{rule}, got {tuple(views.shape)}")
         super().__init__(in_keys, out_keys)
         self.register_buffer("cells", cells.clone(), persistent=False)
         self.register_buffer("views", views.clone(), persistent=False)

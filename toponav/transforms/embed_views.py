@@ -79,19 +79,15 @@ class ViewSimilarity:
         # A sum is not finite if any of its numbers is not.
         if not bool(embedding.sum().isfinite()):
             broken = int((~embedding.isfinite()).any(-1).sum())
-            raise ValueError(
-                "embed must return finite numbers, got NaN or infinity for "
-                f"{broken} of {len(embedding)} views"
-            )
+            got = f"NaN or infinity for {broken} of {len(embedding)} views"
+            raise ValueError(f"embed must return finite numbers, got {got}")
         if similarity is None:
             return
         low, high = (float(end) for end in similarity.aminmax())
         # A comparison with NaN is false.
         if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):
-            raise ValueError(
-                "compare must return similarities in [0, 1], got "
-                f"{low:.3g} to {high:.3g}"
-            )
+            got = f"{low:.3g} to {high:.3g}"
+            raise ValueError(f"compare must return similarities in [0, 1], got {got}")
 
     @torch.no_grad()
     def embedding_length(self, views: TensorSpec) -> int:
@@ -100,10 +96,8 @@ class ViewSimilarity:
             embedding = embed_one(self.embed, views)
             similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
             if similarity.shape != (1, 1):
-                raise ValueError(
-                    f"compare must return [N, M], got {list(similarity.shape)} for "
-                    "N = 1 and M = 1"
-                )
+                got = f"{list(similarity.shape)} for N = 1 and M = 1"
+                raise ValueError(f"compare must return [N, M], got {got}")
             self._lengths[views.shape] = embedding.shape[-1]
         return self._lengths[views.shape]
 
@@ -113,7 +107,6 @@ def embed_one(embed: Embed, views: TensorSpec) -> Tensor:
     """The embedding ``[1, D]`` of a black view; ValueError if it has another shape."""
     embedding = embed(views.zero().reshape(-1, *views.shape[-3:])[:1])
     if embedding.ndim != 2 or len(embedding) != 1:
-        raise ValueError(
-            f"embed must return [N, D], got {list(embedding.shape)} for N = 1"
-        )
+        got = f"{list(embedding.shape)} for N = 1"
+        raise ValueError(f"embed must return [N, D], got {got}")
     return embedding

@@ -141,9 +141,8 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
         shape = (num_envs, self.size, self.size, num_channels)
         noise = self.law(shape, self.generator)
         if noise.dtype is not torch.uint8 or noise.shape != shape:
-            raise ValueError(
-                f"law must return uint8 {shape}, got {noise.dtype} {tuple(noise.shape)}"
-            )
+            got = f"{noise.dtype} {tuple(noise.shape)}"
+            raise ValueError(f"law must return uint8 {shape}, got {got}")
         return noise
 
     def _paint(self, views: Tensor, noise: Tensor) -> Tensor:

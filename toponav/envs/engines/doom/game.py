@@ -79,10 +79,8 @@ class MazeGame:
         self._apples = self._goals = self.reward = 0.0
         self.respawned = False
         if math.dist(self.pose[:2], scene.start[:2]) > 1.0:
-            raise EngineError(
-                f"the agent must start at {scene.start}, the engine put it at "
-                f"{self.pose}"
-            )
+            places = f"{scene.start}, the engine put it at {self.pose}"
+            raise EngineError(f"the agent must start at {places}")
 
     def place(self, pose: Pose) -> None:
         """Put the agent at a pose; costs one engine tic, not a decision."""

@@ -116,8 +116,6 @@ def check_wad(wad: Path, map_name: str, *, seconds: float = _SECONDS) -> None:
     if child.returncode != 0:
         output = (child.stderr + child.stdout).decode(errors="replace").strip()
         last = output.splitlines()[-1] if output else "nothing"
-        raise EngineError(
-            f"{must}, and it failed with exit status {child.returncode}; "
-            f"its last output: {last}"
-        )
+        status = f"exit status {child.returncode}; its last output: {last}"
+        raise EngineError(f"{must}, and it failed with {status}")
     mark.touch()
