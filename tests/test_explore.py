@@ -1,5 +1,6 @@
 """The explore recipe, run as its users run it."""
 
+import contextlib
 import csv
 import signal
 import subprocess
@@ -179,14 +180,16 @@ def test_a_run_that_was_killed_ends_as_if_it_had_not_been(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("while_it_starts", [True, False])
 def test_a_worker_that_dies_ends_the_run_with_a_checkpoint(
-    networks: Path, tmp_path: Path
+    networks: Path, tmp_path: Path, while_it_starts: bool
 ) -> None:
     folder = tmp_path / "run"
     process = subprocess.Popen(
         command(
             f"pretrained={networks}",
             "collect.mode=async",
+            "collect.workers=2",
             "collect.decisions=1000000",
             "report.save_every_s=1000",
             f"hydra.run.dir='{folder}'",
@@ -195,29 +198,34 @@ def test_a_worker_that_dies_ends_the_run_with_a_checkpoint(
         stderr=subprocess.PIPE,
         text=True,
     )
+
+    def workers() -> list[psutil.Process]:
+        found = []
+        for child in psutil.Process(process.pid).children():
+            with contextlib.suppress(psutil.Error):  # it has ended
+                if any("spawn_main" in word for word in child.cmdline()):
+                    found.append(child)
+        return found
+
     try:
         deadline = time.monotonic() + 200
-        while not (folder / "metrics.csv").exists():
+        while not (workers() if while_it_starts else (folder / "metrics.csv").exists()):
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        (worker,) = [
-            child
-            for child in psutil.Process(process.pid).children()
-            if any("spawn_main" in word for word in child.cmdline())
-        ]
-        worker.kill()
+        workers()[-1].kill()
         _, entries = process.communicate(timeout=100)
     finally:
         process.kill()
         process.wait()
     assert process.returncode == 1
+    assert "Traceback" not in entries
     sentence = entries.strip().splitlines()[-1]
     assert sentence.startswith(
         "explore: the collecting processes must live as long as the run, got: "
     )
     state = torch.load(folder / "checkpoint.pt", weights_only=True)["state"]
-    assert state["decisions"] >= 256
+    assert state["decisions"] >= (0 if while_it_starts else 256)
 
 
 @pytest.mark.slow

@@ -3,16 +3,17 @@
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import psutil
 import pytest
+from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
 from tests.envs.layouts import LANE
 from tests.test_conf import settings
-from toponav.builders import CollectionError, collect_frames
+from toponav.builders import CollectionError, collect_batches, collect_frames
 from toponav.config import PretrainConfig
 from toponav.envs import DEFAULT_ENGINE, DoomMazeEnv, load_engine
 from toponav.worlds import WorldSpec
@@ -60,8 +61,8 @@ class UnluckyWorld:
         return env
 
 
-def take_all(config: PretrainConfig, world: UnluckyWorld) -> None:
-    with collect_frames(config, [world]) as batches:
+def take_all(config: PretrainConfig, *worlds: UnluckyWorld) -> None:
+    with collect_frames(config, worlds) as batches:
         for _ in batches:
             pass
 
@@ -87,5 +88,59 @@ def test_it_is_one_sentence_and_no_process_is_left(
     with pytest.raises(CollectionError, match=sentence):
         take_all(config, world)
     assert time.monotonic() - begin < 60
+    assert_no_process_is_left()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("then", "sentence"),
+    [(die, "(process failed: worker 0|one of them died)"), (hang, "came in 12 s")],
+)
+def test_one_of_two_is_missed_while_the_other_delivers(
+    then: Callable[[], None], sentence: str
+) -> None:
+    config = settings(
+        "pretrain",
+        "scale=smoke",
+        "collect.envs=2",
+        "collect.batch=16",
+        "collect.max_idle_s=12",
+    )
+    begin = time.monotonic()
+    with pytest.raises(CollectionError, match=sentence):
+        take_all(config, UnluckyWorld(then, False), UnluckyWorld(int, False))
+    assert time.monotonic() - begin < 60
+    assert_no_process_is_left()
+
+
+class Queue:
+    """A collector whose processes deliver after so many seconds, in this order."""
+
+    num_workers = 2
+    maker: int | None = None
+
+    def __init__(self, makers: Sequence[int], seconds: float) -> None:
+        self.makers, self.seconds = makers, seconds
+
+    def __iter__(self) -> Iterator[TensorDict]:
+        for maker in self.makers:
+            time.sleep(self.seconds)
+            self.maker = maker
+            yield TensorDict()
+
+
+def test_a_process_that_others_overtake_for_too_long_hangs() -> None:
+    with pytest.raises(CollectionError, match=r"nothing came in 0.1 s"):
+        list(collect_batches(Queue([0, 1, *[0] * 20], 0.02), max_idle_s=0.1))
+
+
+def test_a_caller_that_is_busy_does_not_take_a_process_for_one_that_hangs() -> None:
+    batches = collect_batches(Queue([0, 1, 0, 1, 1, 0, 1, 0], 0), max_idle_s=0.1)
+    for _ in range(8):
+        next(batches)
+        time.sleep(0.09)
+
+
+def assert_no_process_is_left() -> None:
     left = psutil.Process().children(recursive=True)
     assert not [one for one in left if "spawn_main" in " ".join(one.cmdline())]

@@ -51,6 +51,7 @@ from toponav.builders.processes import (
     one_thread as one_thread,
     running_episodes as running_episodes,
     seed_of as seed_of,
+    start_collector as start_collector,
     stop_collector as stop_collector,
 )
 from toponav.builders.protocols import (

@@ -109,12 +109,8 @@ def start_collector(
         CollectionError: if one dies or needs longer than ``max_idle_s``.
         EngineError: if an engine cannot start.
     """
-    try:
-        with _watched(max_idle_s):
-            return make()
-    except BaseException:
-        _kill_children()
-        raise
+    with _watched(max_idle_s):
+        return make()
 
 
 def collect_batches(
@@ -123,12 +119,22 @@ def collect_batches(
     """Batches of a collector, or an error of one sentence if no more come.
 
     Raises:
-        CollectionError: if a process dies, or no batch comes within ``max_idle_s``.
+        CollectionError: if a process dies, or one of them hands over no batch in about
+            ``max_idle_s``.
     """
     batches: Iterator[TensorDictBase] = iter(collector)
+    # When a batch of each process was taken last.
+    taken = dict.fromkeys(range(collector.num_workers), time.monotonic())
     while True:
         with _watched(max_idle_s):
             batch = next(batches)
+            maker = getattr(collector, "maker", None)
+            if maker is not None:
+                # Batches queue up: who had one when this process began its own would
+                # have come first, however long the caller was busy.
+                if taken[maker] - min(taken.values()) > max_idle_s:
+                    raise TimeoutError
+                taken[maker] = time.monotonic()
         yield batch
 
 
@@ -180,12 +186,21 @@ def _watched(max_idle_s: float) -> Iterator[None]:
     threading.Thread(target=watch, daemon=True, name="watch").start()
     try:
         yield
-    except EngineError:
-        raise
-    except (RuntimeError, EOFError, OSError) as error:
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:120]
-        if hung.is_set():
+    except BaseException as error:
+        _kill_children()
+        # TorchRL appends the traceback of the process that raised.
+        said = str(error).partition("\n\nWorker traceback:")[0].strip()
+        if isinstance(error, (EngineError, SettingsError)):
+            raise type(error)(said) from error
+        # TorchRL stumbles over those that live on when one has died.
+        lost = isinstance(error, ValueError) and "close a process" in said
+        if not (lost or isinstance(error, (RuntimeError, EOFError, OSError))):
+            raise
+        reason = (said or type(error).__name__).splitlines()[0][:120]
+        if hung.is_set() or isinstance(error, TimeoutError):
             reason = f"nothing came in {max_idle_s:g} s (collect.max_idle_s)"
+        elif lost:
+            reason = "one of them died"
         raise CollectionError(
             f"the collecting processes must live as long as the run, got: {reason}"
         ) from error

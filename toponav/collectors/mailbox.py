@@ -227,6 +227,13 @@ class PatientAsyncCollector(MultiAsyncCollector):
     drops its rollout, and its episodes get gaps.
     """
 
+    #: Number of the process that made the last batch.
+    maker: int | None = None
+
+    def _get_from_queue(self, timeout: float | None = None) -> tuple[int, int, Any]:
+        self.maker, number, batch = super()._get_from_queue(timeout)
+        return self.maker, number, batch
+
     @property
     def _queue_len(self) -> int:
         return int(self.num_workers)

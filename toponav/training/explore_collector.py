@@ -1,6 +1,6 @@
 """The explorer, its environments, and the processes in which it explores."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,6 +24,7 @@ from toponav.builders import (
     keep_freed_memory,
     make_empty_novelty,
     seed_of,
+    start_collector,
 )
 from toponav.collectors import (
     Mailbox,
@@ -181,10 +182,13 @@ def make_explore_collector(
         "collector_class": make_collector,
     }
     frames = collect.envs * settings.loss.rollout
+    make: Callable[..., BaseCollector]
     if collect.mode == "sync":
-        return MultiSyncCollector(frames_per_batch=frames, cat_results=0, **arguments)
-    frames //= collect.workers
-    return PatientAsyncCollector(frames_per_batch=frames, **arguments)
+        make = partial(MultiSyncCollector, cat_results=0)
+    else:
+        make, frames = PatientAsyncCollector, frames // collect.workers
+    start = partial(make, frames_per_batch=frames, **arguments)
+    return start_collector(start, max_idle_s=collect.max_idle_s)
 
 
 def make_worker_env(settings: ExploreConfig, **arguments: Any) -> EnvBase:
