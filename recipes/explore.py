@@ -22,43 +22,11 @@ from pathlib import Path
 
 import torch
 
-from toponav.builders import (
-    NETWORKS_FILE,
-    CollectionError,
-    collect_batches,
-    keep_freed_memory,
-    prepare_networks,
-    running_episodes,
-    save_networks,
-    stop_collector,
-)
+from toponav import builders, methods, reports, training
 from toponav.collectors import Mailbox
 from toponav.config import ExploreConfig
 from toponav.launch import recipe
-from toponav.methods import REWARDS, make_reward, make_world
-from toponav.reports import (
-    ExplorationReport,
-    Timer,
-    evaluate_policies,
-    make_baselines,
-    summarize_evaluation,
-    write_episode_video,
-    write_evaluation,
-)
 from toponav.runs import stop_requests
-from toponav.training import (
-    ExplorationState,
-    Explorer,
-    make_consumers,
-    make_explore_collector,
-    make_learner,
-    needed_keys,
-    publish,
-    restore_exploration,
-    save_exploration,
-    save_policy,
-    trained_policies,
-)
 
 PRETRAIN = Path(__file__).with_name("pretrain.py")
 
@@ -67,53 +35,53 @@ PRETRAIN = Path(__file__).with_name("pretrain.py")
 def main(settings: ExploreConfig, folder: Path) -> None:
     """Find networks if they are needed, explore, evaluate."""
     torch.set_num_threads(settings.threads or torch.get_num_threads())
-    keep_freed_memory()
+    builders.keep_freed_memory()
 
     # The world, and the networks that judge its views if this reward needs them.
-    world, networks = make_world(settings), None
-    if settings.pretrained or REWARDS[settings.reward.name].needs_networks:
-        networks = prepare_networks(settings, world, folder, PRETRAIN)
+    world, networks = methods.make_world(settings), None
+    if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
+        networks = builders.prepare_networks(settings, world, folder, PRETRAIN)
     settings = settings.resolved(None if networks is None else networks.model)
 
     # What explores, and the consumers of what it does: learner, reward, map, log.
     torch.manual_seed(settings.seed)
-    state = ExplorationState()
-    reward = make_reward(settings, world, networks)
-    learner = make_learner(settings, world, reward, state, folder)
-    explorer = Explorer(learner.policy, reward, networks)
-    log, consumers = make_consumers(
+    state = training.ExplorationState()
+    reward = methods.make_reward(settings, world, networks)
+    learner = training.make_learner(settings, world, reward, state, folder)
+    explorer = training.Explorer(learner.policy, reward, networks)
+    log, consumers = training.make_consumers(
         settings, world, networks, learner, reward, state, folder
     )
     episodes = None
     if settings.resume:
-        episodes = restore_exploration(folder, state, consumers)
+        episodes = training.restore_exploration(folder, state, consumers)
 
     # Blind baselines: what exploring must beat.
     if not state.evaluations:
-        baselines = make_baselines(world, seed=settings.seed)
-        played = evaluate_policies(settings, world, explorer, baselines)
-        state.evaluations = write_evaluation(folder, played)
-        save_exploration(folder, state, consumers)
+        baselines = reports.make_baselines(world, seed=settings.seed)
+        played = reports.evaluate_policies(settings, world, explorer, baselines)
+        state.evaluations = reports.write_evaluation(folder, played)
+        training.save_exploration(folder, state, consumers)
 
     # Other processes explore, with weights from a mailbox.
     mailbox = Mailbox(explorer.modules(), versions=state.versions)
-    collector = make_explore_collector(
+    collector = training.make_explore_collector(
         settings,
         world,
         mailbox,
-        keep=needed_keys(consumers),
+        keep=training.needed_keys(consumers),
         decisions=state.decisions,
         episodes=episodes,
     )
-    max_idle_s = settings.collect.max_idle_s
-    batches = collect_batches(collector, max_idle_s=max_idle_s)
-    report = ExplorationReport(settings, world, folder, state, log, consumers)
-    saving = Timer(settings.report.save_every_s)
+    watch = {"max_idle_s": settings.collect.max_idle_s}
+    batches = builders.collect_batches(collector, **watch)
+    report = reports.ExplorationReport(settings, world, folder, state, log, consumers)
+    saving = reports.Timer(settings.report.save_every_s)
     started = time.monotonic() - state.seconds
     with stop_requests() as stop:
         try:
             # Where every episode is, if they can be resumed.
-            episodes = running_episodes(collector, max_idle_s=max_idle_s)
+            episodes = builders.running_episodes(collector, **watch)
             while state.progress < 1 and not stop.requested:
                 # Collect: what the others did with a policy of a moment ago.
                 batch = next(batches)
@@ -126,41 +94,42 @@ def main(settings: ExploreConfig, folder: Path) -> None:
                     measured |= consumer.extend(batch)
 
                 # Publish: the others fetch new weights before their next rollout.
-                state.versions |= publish(mailbox, explorer, consumers.values())
+                versions = training.publish(mailbox, explorer, consumers.values())
+                state.versions |= versions
 
                 # Report, and save between two batches.
                 report.update(measured, batch.numel())
                 if saving.is_due():
-                    episodes = running_episodes(collector, max_idle_s=max_idle_s)
-                    save_exploration(folder, state, consumers, episodes)
-            episodes = running_episodes(collector, max_idle_s=max_idle_s)
-            save_exploration(folder, state, consumers, episodes)
-        except CollectionError:
+                    episodes = builders.running_episodes(collector, **watch)
+                    training.save_exploration(folder, state, consumers, episodes)
+            episodes = builders.running_episodes(collector, **watch)
+            training.save_exploration(folder, state, consumers, episodes)
+        except builders.CollectionError:
             # Better an older state than one that has lost its episodes.
             if episodes is None:
-                save_exploration(folder, state, consumers)
+                training.save_exploration(folder, state, consumers)
             if not stop.requested:
                 raise
         finally:
             report.close()
-            stop_collector(collector)
+            builders.stop_collector(collector)
 
     # What can be done once no more batches come: last map, fine-tuning.
     for consumer in consumers.values():
         consumer.finish(folder)
     if networks is not None:
-        save_networks(networks, folder / NETWORKS_FILE)
+        builders.save_networks(networks, folder / builders.NETWORKS_FILE)
 
     # Whole episodes of what was learned; the policy with more reward is kept.
-    policies = trained_policies(settings, world, learner, consumers)
-    learned = evaluate_policies(settings, world, explorer, policies)
+    policies = training.trained_policies(settings, world, learner, consumers)
+    learned = reports.evaluate_policies(settings, world, explorer, policies)
     if reward.selection_metric is not None:
         metric = reward.selection_metric
         learned.sort(key=lambda one: one.mean(metric), reverse=True)
-    save_policy(folder, policies[learned[0].policy].state_dict())
-    rows = write_evaluation(folder, learned, state.evaluations)
-    write_episode_video(folder, world, learned[0])
-    print(summarize_evaluation(world.name, rows))
+    training.save_policy(folder, policies[learned[0].policy].state_dict())
+    rows = reports.write_evaluation(folder, learned, state.evaluations)
+    reports.write_episode_video(folder, world, learned[0])
+    print(reports.summarize_evaluation(world.name, rows))
     print(
         f"{state.decisions:,} decisions in {state.seconds / 60:.1f} minutes, "
         f"pre-training not included; written to {folder}"

@@ -281,15 +281,24 @@ def test_a_loss_that_explodes_stops_the_run(networks: Path, tmp_path: Path) -> N
         ("maze=maze9", "got 'maze9' (did you mean 'maze"),
         ("reward=rdn", "got 'rdn' (did you mean 'rnd'?)"),
         ("engine=vizdom", "engine must be one of"),
+        ("+reward.foo=1", "'reward.foo' must be a setting of explore, got none"),
+        ("seed=-1", "seed must lie in [0, 4294967295], got -1"),
+        ("maze.seed=99999999999999999999", "maze.seed must lie in [0, 4294967295]"),
+        ("=3", "a setting must have a name before its equals sign, got '=3'"),
+        ("--foo", "what begins with a dash must be a flag of Hydra's"),
+        ("policy.view_size=100000000", "fit into this machine's memory and disk"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(
     tmp_path: Path, override: str, sentence: str
 ) -> None:
-    done = explore(override, f"hydra.run.dir={tmp_path}/run")
-    assert done.returncode == 2
+    # What is accepted by mistake should end soon.
+    quick = [] if override.startswith("reward") else ["reward=random"]
+    done = explore(override, *quick, f"hydra.run.dir={tmp_path}/run")
+    assert done.returncode == (1 if "view_size" in override else 2)
     assert sentence in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

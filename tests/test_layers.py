@@ -31,6 +31,7 @@ FLOORS: list[set[str]] = [
     {"methods"},
     {"training"},
     {"reports"},
+    {"refusals"},
     {"launch"},
 ]
 FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}

@@ -1,6 +1,6 @@
 """From a command line to a recipe's settings, with errors of one sentence."""
 
-import dataclasses
+import argparse
 import hashlib
 import inspect
 import logging
@@ -8,30 +8,32 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, NoReturn, TypeVar
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from toponav.config import RECIPES, SettingsError, TrainingError, require
-from toponav.envs import EngineError
+from toponav.config import RECIPES, SettingsError, read_yaml, require
 from toponav.methods import METHODS, register
+from toponav.refusals import (
+    REFUSALS,
+    leaves,
+    methods_of,
+    sentence_of,
+    settings_of,
+    unknown_setting,
+)
 from toponav.runs import alone_in, keep_draws, log_uniform, remove_unused
 
 Settings = TypeVar("Settings")
 
 _FAILED = 1
 _USAGE_ERROR = 2
-_REFUSALS = (HydraException, OmegaConfBaseException, SettingsError)
-_FAILURES = (EngineError, TrainingError)
 #: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
 _LONGEST_NAME = 200
 #: Hydra's flags that have a value.
@@ -76,11 +78,15 @@ def recipe(
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             # Hydra then raises instead of printing, and the sentence is ours.
             os.environ["HYDRA_FULL_ERROR"] = "1"
+            argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
             start = hydra.main(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)
             with _one_sentence(name):
                 arguments = sys.argv[1:]
+                for word in arguments:
+                    rule = "a setting must have a name before its equals sign"
+                    require(not word.startswith("="), rule, f"'{word}'")
                 for word, setting in (aliases or {}).items():
                     arguments = [
                         re.sub(f"^{word}=", f"{setting}=", given) for given in arguments
@@ -93,6 +99,11 @@ def recipe(
         return main
 
     return decorate
+
+
+def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:
+    """Raise what Hydra's parser would print under its usage."""
+    raise SettingsError(f"what begins with a dash must be a flag of Hydra's: {message}")
 
 
 def _run_job(
@@ -110,24 +121,28 @@ def _run_job(
             try:
                 for word in words:
                     key = word.lstrip("+~").partition("=")[0]
-                    good = world == "maze" or key.split(".")[0] != "maze"
+                    of_maze = re.match(r"(maze|engine|pretraining\.maze)\b", key)
+                    good = world == "maze" or not of_maze
                     require(good, f"'{key}' must go with world=maze", f"world={world}")
+                for key in leaves(OmegaConf.to_container(cfg)):
+                    if unknown := unknown_setting(key, name, methods_of(cfg)):
+                        raise SettingsError(unknown)
                 if own is not None:
                     keep_draws(own, cfg, words)
                 settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
                 function(settings, folder)
-            except _REFUSALS:
+            except BaseException:
                 if own is not None and not OmegaConf.select(cfg, "resume"):
                     remove_unused(folder, {own.name, f"{job.job.name}.log"})
                 raise
-    except (*_REFUSALS, *_FAILURES) as error:
-        if job.mode is not RunMode.MULTIRUN:
+    except Exception as error:
+        sentence = sentence_of(error, name)
+        if job.mode is not RunMode.MULTIRUN or sentence is None:
             with _one_sentence(name):
                 raise
         # Hydra goes on with the next job, and raises the first error at the end.
-        sentence = f"{_sentence(error, name)} ({' '.join(words)})"
-        print(f"{name}: {sentence}", file=sys.stderr)  # noqa: T201
-        refused = isinstance(error, _REFUSALS)
+        print(f"{name}: {sentence} ({' '.join(words)})", file=sys.stderr)  # noqa: T201
+        refused = isinstance(error, REFUSALS)
         raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
 
 
@@ -166,27 +181,20 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
     if not overrides.is_file():
         raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
     config = overrides.with_name("config.yaml")
-    known = set(_keys(RECIPES[recipe]))
+    known = set(settings_of(RECIPES[recipe]))
     for group, schemas in METHODS.items():
-        known.update(*(_keys(schema, f"{group}.") for schema in schemas.values()))
-    old = OmegaConf.to_container(OmegaConf.load(config)) if config.is_file() else {}
-    other = next((key for key in _leaves(old) if key not in known), None)
+        known.update(*(settings_of(schema, f"{group}.") for schema in schemas.values()))
+    old = OmegaConf.to_container(read_yaml(config)) if config.is_file() else {}
+    other = next((key for key in leaves(old) if key not in known), None)
     require(
         other is None,
         f"resume must name a run of {recipe} of this version",
         f"'{folder}', which an earlier version (or another recipe) made with other "
         f"settings, '{other}'",
     )
-    first: Any = OmegaConf.to_container(OmegaConf.load(overrides))
+    first: Any = OmegaConf.to_container(read_yaml(overrides, ListConfig))
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
-
-
-def _leaves(entries: Any, prefix: str = "") -> Iterator[str]:
-    """Dotted names of all values in nested dictionaries."""
-    for key, value in entries.items():
-        below = isinstance(value, dict)
-        yield from _leaves(value, f"{prefix}{key}.") if below else [f"{prefix}{key}"]
 
 
 def named_folder(arguments: list[str], name: str) -> list[str]:
@@ -222,79 +230,11 @@ def _one_sentence(name: str) -> Iterator[None]:
     except _JobError as error:
         print(f"{name}: not all jobs of the sweep succeeded", file=sys.stderr)  # noqa: T201
         sys.exit(error.args[0])
-    except (*_REFUSALS, *_FAILURES) as error:
-        print(f"{name}: {_sentence(error, name)}", file=sys.stderr)  # noqa: T201
-        sys.exit(_USAGE_ERROR if isinstance(error, _REFUSALS) else _FAILED)
-
-
-def _sentence(error: Exception, name: str) -> str:
-    """What must hold, what was given and the nearest valid choice."""
-    errors = list(_chain(error))
-    for one in errors:
-        if isinstance(one, (SettingsError, *_FAILURES)):
-            return str(one)
-    # The innermost message first: Hydra wraps what OmegaConf says.
-    causes = [one.__cause__ for one in reversed(errors) if one.__cause__]
-    text = "\n".join(str(one) for one in (*causes, error))
-    if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
-        group, given = found.groups()
-        # The group of a recipe's own scales, which is chosen by this word.
-        group = "scale" if group == name else group
-        options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
-        # What options build on is none itself; "run" is navigate's own default.
-        parts = re.compile(r"base|schema|run|\w+_schema")
-        choices = [option for option in options if not parts.fullmatch(option)]
-        rule = f"{group} must be one of {', '.join(choices)}"
-        return f"{rule}, got '{given}'{_hint(given, choices)}"
-    if found := re.search(r"full_key: (\S+)", text):
-        key = found.group(1)
-        known, group = list(_keys(RECIPES[name])), key.split(".")[0]
-        owners = [
-            f"{group}={method}"
-            for method, schema in METHODS.get(group, {}).items()
-            if group in known and key in _keys(schema, f"{group}.")
-        ]
-        in_force = _in_force(errors)
-        if owners and " not in " in text:
-            rule = f"'{key}' must go with {' or '.join(owners)}"
-            return f"{rule}, got {group}={in_force[group]}"
-        if key not in known and not key.startswith("hydra."):
-            schemas = {one: METHODS[one][method] for one, method in in_force.items()}
-            known += [of for one in schemas for of in _keys(schemas[one], f"{one}.")]
-            hint = _hint(key, known)
-            return f"'{key}' must be a setting of {name}, got none of that name{hint}"
-        if "is not a ListConfig" in text:
-            return f"{key} must be a list such as [a,b], got something else"
-        return f"{key}: {text.splitlines()[0].strip()}"
-    return next(line.strip() for line in text.splitlines() if line.strip())
-
-
-def _chain(error: BaseException | None) -> Iterator[BaseException]:
-    """An error and its causes; OmegaConf wraps a resolver's own without naming it."""
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
-
-
-def _in_force(errors: Iterable[BaseException]) -> dict[str, str]:
-    """The method of each group in the settings that OmegaConf refused."""
-    for error in errors:
-        if isinstance(error, OmegaConfBaseException) and error.parent_node is not None:
-            root = error.parent_node._get_root()
-            return {group: root[group].name for group in METHODS if group in root}
-    return {}
-
-
-def _hint(given: str, choices: list[str]) -> str:
-    near = get_close_matches(given, choices, n=1, cutoff=0.0)
-    return f" (did you mean '{near[0]}'?)" if near else ""
-
-
-def _keys(schema: type, prefix: str = "") -> Iterator[str]:
-    """Dotted names of all settings of a schema."""
-    hints: dict[str, Any] = get_type_hints(schema)
-    for field in dataclasses.fields(schema):
-        kind = hints[field.name]
-        yield prefix + field.name
-        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-            yield from _keys(kind, f"{prefix}{field.name}.")
+    except KeyboardInterrupt:
+        print(f"{name}: stopped by Ctrl-C", file=sys.stderr)  # noqa: T201
+        sys.exit(128 + signal.SIGINT)
+    except Exception as error:
+        if (sentence := sentence_of(error, name)) is None:
+            raise
+        print(f"{name}: {sentence}", file=sys.stderr)  # noqa: T201
+        sys.exit(_USAGE_ERROR if isinstance(error, REFUSALS) else _FAILED)

@@ -100,6 +100,32 @@ def test_a_file_that_was_cut_off_is_refused(saved: Path, share: float) -> None:
         load_networks(saved)
 
 
+def test_a_flipped_bit_of_a_weight_is_found(saved: Path) -> None:
+    data = bytearray(saved.read_bytes())
+    weights = load_networks(saved).locomotion.head.state_dict().values()
+    largest = max(weights, key=torch.numel).numpy().tobytes()
+    data[data.index(largest) + 1] ^= 1
+    saved.write_bytes(data)
+    with pytest.raises(SettingsError, match=r"got the damaged .* checksums"):
+        load_networks(saved)
+
+
+def test_weights_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    networks = tiny_networks()
+    with torch.no_grad():
+        next(networks.locomotion.head.parameters()).fill_(torch.nan)
+    save_networks(networks, tmp_path / "networks.pt")
+    with pytest.raises(SettingsError, match=r"all finite numbers, got .* in .*weight"):
+        load_networks(tmp_path)
+
+
+def test_a_header_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "networks.pt"
+    torch.save({"kind": torch.zeros(2), "version": 1}, path)
+    with pytest.raises(SettingsError, match=r"networks must name .* version 1"):
+        load_networks(path)
+
+
 def test_no_code_in_a_file_is_run(tmp_path: Path) -> None:
     path = tmp_path / "networks.pt"
     path.write_bytes(pickle.dumps(Path("/")))

@@ -1,5 +1,6 @@
 """Every broken rule is one sentence with line and column."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -130,7 +131,7 @@ class TestFiles:
             load_layout_file(path)
 
     def test_a_folder_is_not_a_file(self, tmp_path: Path) -> None:
-        with pytest.raises(LayoutError, match=r"must be readable .*, got .*dir"):
+        with pytest.raises(LayoutError, match=r"must be readable .*, got a folder"):
             load_layout_file(tmp_path)
 
     def test_a_binary_file_is_not_text(self, tmp_path: Path) -> None:
@@ -144,3 +145,15 @@ class TestFiles:
         path.touch()
         with pytest.raises(LayoutError, match="line 1: the first line must not be"):
             load_layout_file(path)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "huge"])
+def test_what_has_no_end_is_not_read_to_it(kind: str, tmp_path: Path) -> None:
+    path = Path("/dev/zero") if kind == "device" else tmp_path / "mine.txt"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "huge":
+        path.write_text("*" * 100_001)
+    reason = "more than 100000 characters" if kind == "huge" else "a folder, pipe or"
+    with pytest.raises(LayoutError, match=f"readable UTF-8 text, got {reason}"):
+        load_layout_file(path)

@@ -99,6 +99,23 @@ def test_the_name_changes_hands_in_one_step(state, tmp_path) -> None:
     assert path.read_bytes() != before
 
 
+#: In place of the embeddings of the three waypoints.
+EMBEDDINGS = {
+    "nan": np.full((3, 4), np.nan, np.float32),
+    "complex": np.zeros((3, 4), np.complex64),
+    "one dimension": np.zeros(3, np.float32),
+}
+
+
+def rewrite(path, name, content):
+    """Put another content into one entry of the file."""
+    with zipfile.ZipFile(path) as archive:
+        entries = {entry: archive.read(entry) for entry in archive.namelist()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for entry, data in (entries | {name: content}).items():
+            archive.writestr(entry, data)
+
+
 def damaged(path, how):
     data = path.read_bytes()
     if how == "empty":
@@ -120,6 +137,17 @@ def damaged(path, how):
     elif how == "list":
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("graph.json", "[1]")
+    elif how == "bomb":
+        rewrite(path, "embeddings.npy", bytes(80_000_000))
+    elif how in EMBEDDINGS:
+        file = io.BytesIO()
+        np.save(file, EMBEDDINGS[how])
+        rewrite(path, "embeddings.npy", file.getvalue())
+    elif how == "negative":
+        with zipfile.ZipFile(path) as archive:
+            content = json.loads(archive.read("graph.json"))
+        content["edges"][0]["traversals"] = -1
+        rewrite(path, "graph.json", json.dumps(content).encode())
     else:
         path.unlink()
 
@@ -132,6 +160,11 @@ def damaged(path, how):
         ("cut", "got the damaged "),
         ("flipped", "got the damaged "),
         ("list", "got the damaged "),
+        ("bomb", "got the damaged .*a huge entry"),
+        ("nan", "got the damaged .*NaN or infinity in its embeddings"),
+        ("complex", "got the damaged .*embeddings of complex64"),
+        ("one dimension", r"got the damaged .*embeddings of float32 \(3,\)"),
+        ("negative", "got the damaged .* traversals_back that are no counts"),
         ("other", "a map must hold graph.json, got "),
         ("newer", "a map must be of version 2, got .* with toponav map 9"),
     ],

@@ -32,6 +32,7 @@ from toponav.config import (
     Settings,
     TrainingError,
     maze_label,
+    read_yaml,
 )
 from toponav.envs import DEFAULT_ENGINE, end_stray_engines
 from toponav.runs import CHECKPOINT_FILE
@@ -103,7 +104,7 @@ def pretraining_decisions(config: ExploreConfig) -> float:
         file = folder / "config" / "config.yaml"
         if not file.is_file():
             return math.nan
-        entries = OmegaConf.load(file)
+        entries = read_yaml(file)
         collected = float(OmegaConf.select(entries, "collect.decisions", default=0))
         if "reward" not in entries:
             decisions += collected

@@ -16,6 +16,7 @@ from toponav.config.checks import (
     at_least as at_least,
     between as between,
     one_of as one_of,
+    read_yaml as read_yaml,
     refusing as refusing,
     require as require,
     require_multiple as require_multiple,

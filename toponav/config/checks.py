@@ -3,9 +3,12 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
 
-from omegaconf import MISSING
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
+
+Config = TypeVar("Config", DictConfig, ListConfig)
 
 
 class SettingsError(ValueError):
@@ -51,6 +54,23 @@ def refusing(
         raise
     except errors as error:
         raise SettingsError(f"{start}{error}") from error
+
+
+def read_yaml(file: Path, kind: type[Config] = DictConfig) -> Config:  # type: ignore[assignment]
+    """The YAML of a run folder.
+
+    Raises:
+        SettingsError: if it is damaged or of another kind than a dictionary or list.
+    """
+    found, reason = None, f"no {kind.__name__[:4].lower()}"
+    try:
+        found = OmegaConf.load(file)
+    except Exception as bad:  # damage can make its reader fail in any way
+        reason = str(bad).splitlines()[0]
+    if not isinstance(found, kind):
+        rule = "a run folder must hold the settings of a run, got the damaged"
+        raise SettingsError(f"{rule} {file} ({reason})")
+    return found
 
 
 @dataclass
@@ -104,6 +124,11 @@ def between(low: float, high: float) -> Any:
         lambda value: low <= value <= high,
         lambda value: f"{value:g} (did you mean {min(max(value, low), high):g}?)",
     )
+
+
+def a_seed() -> Any:
+    """A number with which random generators can begin."""
+    return _field("lie in [0, 4294967295]", lambda value: 0 <= value < 2**32)
 
 
 def one_of(*choices: str) -> Any:

@@ -6,6 +6,7 @@ from omegaconf import MISSING
 
 from toponav.config.checks import (
     Settings,
+    a_seed,
     above,
     at_least,
     between,
@@ -105,12 +106,13 @@ class MapConfig(Settings):
 
 
 @dataclass
-class PretrainingConfig:
+class PretrainingConfig(Settings):
     """The pre-training that a run without networks starts with."""
 
+    group = "pretraining"
     scale: str = MISSING
     maze: str | None = MISSING
-    seed: int = MISSING
+    seed: int = a_seed()
     folder: str = MISSING
     overrides: list[str] = MISSING
 
@@ -155,7 +157,7 @@ class ExploreConfig(Settings):
     report: ReportConfig = MISSING
     evaluate: EvaluateConfig = MISSING
     pretrained: str | None = MISSING
-    seed: int = MISSING
+    seed: int = a_seed()
     device: str = MISSING
     threads: int | None = at_least(1)
     resume: str | None = MISSING

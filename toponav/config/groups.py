@@ -9,7 +9,15 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from toponav.config.checks import Settings, above, at_least, between, one_of, require
+from toponav.config.checks import (
+    Settings,
+    a_seed,
+    above,
+    at_least,
+    between,
+    one_of,
+    require,
+)
 
 
 @dataclass
@@ -21,13 +29,13 @@ class MazeConfig(Settings):
     path: str | None = MISSING
     rows: int = at_least(1)
     cols: int = at_least(1)
-    seed: int = MISSING
+    seed: int = a_seed()
     loops: float = between(0, 1)
     apples: int = at_least(0)
     goal: bool = MISSING
     blocked: list[str] = field(default_factory=list)
     episode_length: int = at_least(1)
-    texture_seed: int = MISSING
+    texture_seed: int = a_seed()
     paintings: float = between(0, 1)
     marks: float = between(0, 1)
 

@@ -4,9 +4,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import MISSING, OmegaConf
 
-from toponav.config.checks import Settings, at_least, between, one_of, require
+from toponav.config.checks import (
+    Settings,
+    a_seed,
+    at_least,
+    between,
+    one_of,
+    read_yaml,
+    require,
+)
 from toponav.config.groups import MazeConfig
 
 _NONE = object()
@@ -64,7 +72,7 @@ class NavigateConfig(Settings):
     evaluate: NavigateEvaluateConfig = MISSING
     video: NavigateVideoConfig = MISSING
     run: str | None = MISSING
-    seed: int = MISSING
+    seed: int = a_seed()
     threads: int | None = at_least(1)
 
     def __post_init__(self) -> None:
@@ -79,7 +87,7 @@ class TourConfig(Settings):
 
     engine: str = MISSING
     maze: MazeConfig = MISSING
-    seed: int = MISSING
+    seed: int = a_seed()
     decisions: int = at_least(1)
     views: int = between(1, 12)
     video: str = one_of("mp4", "gif")
@@ -114,8 +122,8 @@ def run_setting(run: str | None, name: str, default: Any = _NONE) -> Any:
     require(run is not None, rule, "none")
     file = Path(str(run)) / "config" / "config.yaml"
     require(file.is_file(), rule, f"'{run}'")
-    config = OmegaConf.load(file)
-    explored = isinstance(config, DictConfig) and {"maze", "reward"} <= config.keys()
+    config = read_yaml(file)
+    explored = {"maze", "reward"} <= config.keys()
     require(explored, rule, f"that of another recipe, '{run}'")
     value = OmegaConf.select(config, name, default=default)
     rule, old = f"{rule} of this version", "which an earlier version made with other"

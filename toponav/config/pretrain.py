@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import Settings, above, at_least, one_of, require
+from toponav.config.checks import Settings, a_seed, above, at_least, one_of, require
 from toponav.config.groups import MazeConfig, ModelConfig, PairsConfig, WorldConfig
 
 
@@ -60,7 +60,7 @@ class ValidateConfig(Settings):
 
 
 @dataclass
-class PretrainConfig:
+class PretrainConfig(Settings):
     """Settings of ``recipes/pretrain.py``."""
 
     world: WorldConfig = MISSING
@@ -72,12 +72,13 @@ class PretrainConfig:
     pairs: PairsConfig = MISSING
     train: TrainConfig = MISSING
     validate: ValidateConfig = MISSING
-    seed: int = MISSING
+    seed: int = a_seed()
     device: str = MISSING
     init_from: str | None = MISSING
     resume: str | None = MISSING
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require(
             self.train.updates > 0 or bool(self.init_from or self.resume),
             "init_from must name a run when train.updates=0",

@@ -21,6 +21,8 @@ Cell = tuple[int, int]
 
 #: Longest side of a layout in cells: such a maze still loads in about two seconds.
 MAX_SIDE = 101
+# Characters of a file that may be read: several times those of the largest layout.
+_LONGEST = 100_000
 
 WALL = "*"
 FLOOR = " "
@@ -133,11 +135,19 @@ def load_layout_file(path: str | Path) -> Layout:
     """Read a layout from a text file, named by its stem; raises ``LayoutError``."""
     path = Path(path)
     try:
-        return Layout(path.read_text(encoding="utf-8-sig"), name=path.stem)
+        # A pipe or a device may have no end.
+        if path.exists() and not path.is_file():
+            raise OSError("a folder, pipe or device")
+        with path.open(encoding="utf-8-sig") as file:
+            text = file.read(_LONGEST + 1)
+        if len(text) > _LONGEST:
+            raise OSError(f"more than {_LONGEST} characters")
     except FileNotFoundError:
         reason = "the file must exist, and no such file was found"
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         reason = f"the file must be readable UTF-8 text, got {error}"
+    else:
+        return Layout(text, name=path.stem)
     raise LayoutError(reason, str(path))
 
 

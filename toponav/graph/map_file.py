@@ -23,6 +23,9 @@ _FORMAT, _VERSION = "toponav map", 2
 _NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
 _ARRAYS = ("embeddings", "prepared")
 _EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
+# Bytes that a file may hold for each of its own, and of any file: what is larger was
+# made to fill the memory. Most pixels along a view's side.
+_EXPANSION, _ANY_FILE, _LONGEST_SIDE = 100, 64_000_000, 4096
 #: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -105,6 +108,8 @@ def _read(
 ) -> tuple[dict[str, Any], dict[str, str]]:
     if "graph.json" not in archive.namelist():
         raise MapFileError(f"a map must hold graph.json, got {path} without")
+    room = max(_EXPANSION * path.stat().st_size, _ANY_FILE)
+    _check(sum(entry.file_size for entry in archive.infolist()) <= room, "a huge entry")
     content = json.loads(archive.read("graph.json"))
     if (content.get("format"), content.get("format_version")) != (_FORMAT, _VERSION):
         raise MapFileError(
@@ -114,25 +119,55 @@ def _read(
         )
     nodes, edges, graph = content["nodes"], content["edges"], content["graph"]
     state: dict[str, Any] = {name: graph[name] for name in _NUMBERS}
+    _check(all(0 <= graph[name] < math.inf for name in _NUMBERS), "a negative number")
     for name in _ARRAYS:
-        array = np.load(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+        with archive.open(f"{name}.npy") as file:
+            array = np.load(file, allow_pickle=False)
         if len(nodes) != len(array):
             raise ValueError(f"{len(nodes)} nodes, {len(array)} {name}")
+        fits = array.dtype == np.float32 and (array.ndim == 2 or not len(nodes))
+        _check(fits, f"{name} of {array.dtype} {array.shape}")
+        _check(np.isfinite(array).all(), f"NaN or infinity in its {name}")
         state[name] = torch.from_numpy(array)
     names = [_view_name(at) for at in range(len(nodes))] if graph["views"] else []
-    views = [np.array(Image.open(io.BytesIO(archive.read(name)))) for name in names]
-    state["images"] = torch.from_numpy(np.stack(views)) if views else torch.empty(0)
+    state["images"] = _views([archive.read(name) for name in names], room)
     state["origins"] = _columns(nodes, "environment", "observation")
     state["edges"] = _columns(edges, *_EDGE[:2])
+    ends = {frozenset(pair) for pair in state["edges"].tolist() if len(set(pair)) == 2}
+    _check(len(ends) == len(edges), "an edge twice, or from a waypoint to itself")
+    _check(max(map(max, ends), default=-1) < len(nodes), "an edge to no waypoint")
     state["traversals"] = _columns(edges, *_EDGE[2:4])
     values = [edge["similarity"] for edge in edges]
     # None becomes NaN.
-    state["edge_similarity"] = torch.from_numpy(np.array(values, np.float32))
+    similarity = np.array(values, np.float32)
+    known = [value for value in values if value is not None]
+    _check(all(0 <= value <= 1 for value in known), "a similarity outside [0, 1]")
+    state["edge_similarity"] = torch.from_numpy(similarity)
     return state, dict(graph["about"])
 
 
+def _views(files: list[bytes], room: int) -> Tensor:
+    """Pictures of one size, uint8 ``[W, H, W, 3]``, no more than there is room for."""
+    pictures = [Image.open(io.BytesIO(data)) for data in files]
+    kinds = {(picture.size, picture.mode) for picture in pictures}
+    _check(len(kinds) <= 1 and all(mode == "RGB" for _, mode in kinds), "unlike views")
+    for (width, height), _ in kinds:
+        fits = max(width, height) <= _LONGEST_SIDE
+        _check(fits and 3 * width * height * len(files) <= room, "huge views")
+    found = [np.array(picture) for picture in pictures]
+    return torch.from_numpy(np.stack(found)) if found else torch.empty(0)
+
+
+def _check(holds: object, given: str) -> None:
+    if not holds:
+        raise ValueError(given)
+
+
 def _columns(rows: list[dict[str, int]], *names: str) -> Tensor:
+    """Counts of whole numbers, int64 ``[N, 2]``."""
     values = [[row[name] for name in names] for row in rows]
+    whole = all(type(one) is int and one >= 0 for row in values for one in row)
+    _check(whole, f"{' and '.join(names)} that are no counts")
     return torch.tensor(values, dtype=torch.int64).reshape(-1, 2)
 
 

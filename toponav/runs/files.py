@@ -5,7 +5,7 @@ Checkpoints hold tensors and plain values, and are read without running code.
 
 import math
 import os
-import pickle
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,12 +16,15 @@ import pandas as pd
 import torch
 from numpy.typing import ArrayLike
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+from torch import Tensor
 from torchrl.record.loggers import CSVLogger, Logger, TensorboardLogger
 
 from toponav.config import SettingsError, require
 
 #: The file in a run folder from which a run is resumed.
 CHECKPOINT_FILE = "checkpoint.pt"
+# Under these keys a checkpoint holds weights and what trains them.
+_TRAINED = {"weights", "policy", "optimizer", "head", "rnd"}
 #: One measurement: names to values.
 Figures = Mapping[str, float]
 
@@ -75,8 +78,13 @@ def reading_checkpoint(
     """
     require(path.is_file(), f"{setting} must name a run with {path.name}", path)
     try:
+        with zipfile.ZipFile(path) as archive:
+            stored = all(not entry.compress_type for entry in archive.infolist())
+            # torch itself does not compare the checksums that it writes.
+            if not stored or archive.testzip() is not None:
+                raise ValueError("its checksums do not fit its content")
         found = torch.load(path, map_location=device, weights_only=True)
-    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError) as bad:
+    except Exception as bad:  # damage can make any of the readers fail in any way
         raise SettingsError(
             f"{setting} must name a complete file, got the damaged "
             f"{path} ({_reason(bad)})"
@@ -84,13 +92,17 @@ def reading_checkpoint(
     rule, given = f"{setting} must name a file of this package", type(found).__name__
     require(isinstance(found, dict), rule, f"{path} with a {given}")
     rule = f"{setting} must name {noun} of version {header['version']}"
-    given = f"{found.get('kind', 'something else')} {found.get('version', '')}".rstrip()
-    require(header.items() <= found.items(), rule, f"{path} with {given}")
+    words = [str(found.get(key, "")) for key in header]
+    given = " ".join(words).strip()[:80] or "something else"
+    require(words == list(map(str, header.values())), rule, f"{path} with {given}")
+    bad_name = next(_not_finite(found), None)
+    rule = f"{setting} must name {noun} whose weights are all finite numbers"
+    require(bad_name is None, rule, f"{path} with NaN or infinity in {bad_name}")
     try:
         yield found
     except SettingsError:
         raise
-    except (KeyError, TypeError, RuntimeError, ValueError) as bad:
+    except Exception as bad:  # whatever does not fit
         raise SettingsError(
             f"{setting} must name {noun} saved with the same settings, got {path} "
             f"({_reason(bad)})"
@@ -100,6 +112,19 @@ def reading_checkpoint(
 def _reason(error: Exception) -> str:
     """The beginning of what an error says."""
     return (str(error).strip() or "empty").splitlines()[0][:80]
+
+
+def _not_finite(
+    entries: Any, name: str = "", *, trained: bool = False
+) -> Iterator[str]:
+    """Names of the tensors of networks and optimisers that hold NaN or infinity."""
+    if isinstance(entries, Mapping):
+        for key, value in entries.items():
+            yield from _not_finite(
+                value, str(key), trained=trained or str(key) in _TRAINED
+            )
+    elif trained and isinstance(entries, Tensor) and not entries.isfinite().all():
+        yield name
 
 
 def make_loggers(folder: Path, last_step: int) -> list[Logger]:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from toponav.config import require
+from toponav.config import read_yaml, require
 from toponav.runs.draws import DRAWS_FILE
 
 # Settings in which the runs of one group may differ.
@@ -82,14 +82,13 @@ def find_runs(folder: Path) -> list[Run]:
 def _read_run(folder: Path) -> Run:
     saved = folder / "config"
     # Words with an interpolation are kept as they are.
-    words: Any = OmegaConf.to_container(OmegaConf.load(saved / "overrides.yaml"))
+    overrides = read_yaml(saved / "overrides.yaml", ListConfig)
+    words: Any = OmegaConf.to_container(overrides)
     file = saved / DRAWS_FILE
-    drawn: Any = OmegaConf.to_container(OmegaConf.load(file)) if file.is_file() else {}
+    drawn = read_yaml(file) if file.is_file() else {}
     pairs = [str(word).lstrip("+~").partition("=") for word in words]
     hidden = {*_NOT_SETTINGS, *drawn}
-    hydra = OmegaConf.load(saved / "hydra.yaml")
-    config = OmegaConf.load(saved / "config.yaml")
-    assert isinstance(config, DictConfig)
+    hydra, config = (read_yaml(saved / f"{name}.yaml") for name in ("hydra", "config"))
     return Run(
         folder,
         recipe=str(OmegaConf.select(hydra, "hydra.job.config_name")),

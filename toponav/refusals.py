@@ -1,0 +1,127 @@
+"""What is wrong in one sentence: with settings, engines, files, memory."""
+
+import dataclasses
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any, get_type_hints
+
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from toponav.config import RECIPES, SettingsError, TrainingError
+from toponav.envs import EngineError
+from toponav.methods import METHODS
+
+REFUSALS = (HydraException, OmegaConfBaseException, SettingsError)
+FAILURES = (EngineError, TrainingError)
+# What torch and others say when memory or the disk is full; no type tells it.
+_FULL = re.compile(
+    r"allocat|out of memory|shared memory|Storage size|PytorchStreamWriter|enforce fail"
+)
+
+
+def sentence_of(error: Exception, name: str) -> str | None:
+    """What must hold, what was given and the nearest valid choice, in one line.
+
+    ``None`` if nobody but the package can be blamed.
+    """
+    found = None
+    if isinstance(error, (*REFUSALS, *FAILURES)):
+        found = _refusal(error, name)
+    elif isinstance(error, OSError):
+        found = f"the files of a run must be readable and writable, got {error}"
+    elif isinstance(error, MemoryError | OverflowError) or _FULL.search(str(error)):
+        given = str(error).strip().splitlines() or ["too little"]
+        found = f"a run must fit into this machine's memory and disk, got: {given[0]}"
+    return found and re.sub(r"\s*\n\s*", " ", found)
+
+
+def _refusal(error: Exception, name: str) -> str:
+    """The sentence for what was given."""
+    errors = list(_chain(error))
+    for one in errors:
+        if isinstance(one, (SettingsError, *FAILURES)):
+            return str(one)
+    # The innermost message first: Hydra wraps what OmegaConf says.
+    causes = [one.__cause__ for one in reversed(errors) if one.__cause__]
+    text = "\n".join(str(one) for one in (*causes, error))
+    if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
+        group, given = found.groups()
+        # The group of a recipe's own scales, which is chosen by this word.
+        group = "scale" if group == name else group
+        options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
+        # What options build on is none itself; "run" is navigate's own default.
+        parts = re.compile(r"base|schema|run|\w+_schema")
+        choices = [option for option in options if not parts.fullmatch(option)]
+        rule = f"{group} must be one of {', '.join(choices)}"
+        return f"{rule}, got '{given}'{_hint(given, choices)}"
+    if found := re.search(r"full_key: (\S+)", text):
+        key = found.group(1)
+        known, group = list(settings_of(RECIPES[name])), key.split(".")[0]
+        owners = [
+            f"{group}={method}"
+            for method, schema in METHODS.get(group, {}).items()
+            if group in known and key in settings_of(schema, f"{group}.")
+        ]
+        in_force = _in_force(errors)
+        if owners and " not in " in text:
+            rule = f"'{key}' must go with {' or '.join(owners)}"
+            return f"{rule}, got {group}={in_force[group]}"
+        if key not in known and not key.startswith("hydra."):
+            return unknown_setting(key, name, in_force)
+        if "is not a ListConfig" in text:
+            return f"{key} must be a list such as [a,b], got something else"
+        return f"{key}: {text.splitlines()[0].strip()}"
+    return next(line.strip() for line in text.splitlines() if line.strip())
+
+
+def unknown_setting(key: str, name: str, methods: Mapping[str, str]) -> str:
+    """The sentence for a name that no setting has; empty if one has it."""
+    known = list(settings_of(RECIPES[name]))
+    for group, method in methods.items():
+        known += settings_of(METHODS[group][method], f"{group}.")
+    rule = f"'{key}' must be a setting of {name}, got none of that name"
+    return "" if key in known else rule + _hint(key, known)
+
+
+def _chain(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and its causes; OmegaConf wraps a resolver's own without naming it."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _in_force(errors: Iterable[BaseException]) -> dict[str, str]:
+    """The method of each group in the settings that OmegaConf refused."""
+    for error in errors:
+        if isinstance(error, OmegaConfBaseException) and error.parent_node is not None:
+            return methods_of(error.parent_node._get_root())
+    return {}
+
+
+def methods_of(cfg: Any) -> dict[str, str]:
+    """The method of each group that these settings have."""
+    return {group: cfg[group].name for group in METHODS if group in cfg}
+
+
+def _hint(given: str, choices: list[str]) -> str:
+    near = get_close_matches(given, choices, n=1, cutoff=0.0)
+    return f" (did you mean '{near[0]}'?)" if near else ""
+
+
+def settings_of(schema: type, prefix: str = "") -> Iterator[str]:
+    """Dotted names of all settings of a schema."""
+    hints: dict[str, Any] = get_type_hints(schema)
+    for field in dataclasses.fields(schema):
+        kind = hints[field.name]
+        yield prefix + field.name
+        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            yield from settings_of(kind, f"{prefix}{field.name}.")
+
+
+def leaves(entries: Any, prefix: str = "") -> Iterator[str]:
+    """Dotted names of all values in nested dictionaries."""
+    for key, value in entries.items():
+        below = isinstance(value, dict) and value
+        yield from leaves(value, f"{prefix}{key}.") if below else [f"{prefix}{key}"]
