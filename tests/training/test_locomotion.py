@@ -1,5 +1,6 @@
 import copy
 import csv
+import io
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,30 @@ def test_a_resumed_run_learns_the_same(tmp_path: Path) -> None:
         finetuner.finish(tmp_path)
     for mine, theirs in zip(one.parameters(), other.parameters(), strict=True):
         assert torch.equal(mine, theirs)
+
+
+def test_a_checkpoint_holds_what_was_seen_and_no_empty_memory() -> None:
+    config = explore_settings(*SETTINGS, "locomotion.memory=100000")
+    finetuner, _ = make(config)
+    finetuner.extend(walks())
+    file = io.BytesIO()
+    torch.save(finetuner.state_dict(), file)
+    # 128 decisions of 40 bytes, and a head of 1.1 MB; the empty memory is 4 MB.
+    assert file.tell() < 1_200_000
+    resumed, _ = make(config)
+    file.seek(0)
+    resumed.load_state_dict(torch.load(file, weights_only=True))
+    assert (resumed.buffer.storage[:] == finetuner.buffer.storage[:]).all()
+
+
+def test_the_memory_of_an_earlier_run_is_read() -> None:
+    config = explore_settings(*SETTINGS)
+    (finetuner, _), (resumed, _) = make(config), make(config)
+    finetuner.extend(walks())
+    state = finetuner.state_dict()
+    earlier = {"head": state["head"], "generator": state["generator"]}
+    resumed.load_state_dict(earlier | {"buffer": finetuner.buffer.state_dict()})
+    assert (resumed.buffer.storage[:] == finetuner.buffer.storage[:]).all()
 
 
 def test_a_run_that_is_resumed_after_it_learned_learns_no_more_than_once(

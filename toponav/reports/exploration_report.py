@@ -149,12 +149,14 @@ class Timer:
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self._last = time.monotonic()
+        self._last: float | None = time.monotonic()
 
     def is_due(self) -> bool:
-        """Whether it is; if so, the next time is counted from now."""
+        """Whether it is; the next time is counted from when what was due is done."""
         now = time.monotonic()
+        # The question after one that was answered yes comes when that is done.
+        self._last = now if self._last is None else self._last
         if now - self._last < self.seconds:
             return False
-        self._last = now
+        self._last = None
         return True

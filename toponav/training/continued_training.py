@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from tqdm import tqdm
 
@@ -203,12 +203,21 @@ class LocomotionFinetuner(Consumer):
         """What was kept, the head before its training, and the state of the draws."""
         return {
             "head": self._start,
-            "buffer": self.buffer.state_dict(),
+            # A copy: the memory is as large as it may become.
+            "frames": self.buffer.storage[:].clone().to_dict() if self.buffer else {},
+            "writer": self.buffer.writer.state_dict(),
             "generator": self.generator.get_state(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.buffer.load_state_dict(state["buffer"])
+        if "buffer" in state:  # of an earlier run, which kept all of the memory
+            self.buffer.load_state_dict(state["buffer"])
+        else:
+            frames = TensorDict(state["frames"]).auto_batch_size_(1)
+            self.buffer.empty()
+            if not frames.is_empty():
+                self.buffer.extend(frames)
+            self.buffer.writer.load_state_dict(state["writer"])
         self.generator.set_state(state["generator"])
         # Earlier runs did not keep it.
         self._start = state.get("head", self._start)
