@@ -21,7 +21,12 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase
 from tqdm import trange
 
-from toponav.builders import load_exploration, make_goal_places, make_navigation_env
+from toponav.builders import (
+    collect_rollout,
+    load_exploration,
+    make_goal_places,
+    make_navigation_env,
+)
 from toponav.config import NavigateConfig
 from toponav.keys import REWARD
 from toponav.methods import register
@@ -49,16 +54,26 @@ def play(
     env: EnvBase, policy: TensorDictModuleBase, length: int, *, name: str
 ) -> torch.Tensor:
     """Goals reached in each fifth of each episode, ``[E, 5]``."""
-    now, part = env.reset(), length // len(CHANGES)
-    goals = torch.zeros(*env.batch_size, len(CHANGES))
-    for decision in trange(part * len(CHANGES), desc=name, unit="step"):
-        fifth, into = divmod(decision, part)
-        if into == 0 and (change := CHANGES[fifth]) is not None:
-            letter, closed = change
-            env.base_env.set_slot(letter, closed=closed)
-        step, now = env.step_and_maybe_reset(policy(now))
-        goals[:, fifth] += step["next", REWARD].reshape(-1) >= env.world.goal_reward
-    return goals
+    part, envs = length // len(CHANGES), env.batch_size[0]
+    with trange(envs * part * len(CHANGES), desc=name, unit="decision") as bar:
+
+        def change_slots(decisions: int) -> None:
+            bar.update(decisions)
+            fifth, into = divmod(bar.n // envs, part)
+            if into == 0 and fifth < len(CHANGES) and CHANGES[fifth] is not None:
+                letter, closed = CHANGES[fifth]
+                env.base_env.set_slot(letter, closed=closed)
+
+        played = collect_rollout(
+            env,
+            policy,
+            part * len(CHANGES),
+            keep=(),
+            keep_next=[REWARD],
+            progress=change_slots,
+        )
+    is_goal = played.frames["next", REWARD].squeeze(-1) >= env.world.goal_reward
+    return is_goal.float().unflatten(1, (len(CHANGES), part)).sum(-1)
 
 
 def main() -> None:

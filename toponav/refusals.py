@@ -1,4 +1,4 @@
-"""What is wrong in one sentence: with settings, engines, files, memory."""
+"""One-sentence errors for bad settings, engines, files and memory."""
 
 import dataclasses
 import re
@@ -24,7 +24,7 @@ _FULL = re.compile(
 def sentence_of(error: Exception, name: str) -> str | None:
     """What must hold, what was given and the nearest valid choice, in one line.
 
-    ``None`` if nobody but the package can be blamed.
+    ``None`` for a bug in the package.
     """
     found = None
     if isinstance(error, (*REFUSALS, *FAILURES)):
@@ -51,7 +51,7 @@ def _refusal(error: Exception, name: str) -> str:
         # The group of a recipe's own scales, which is chosen by this word.
         group = "scale" if group == name else group
         options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
-        # What options build on is none itself; "run" is navigate's own default.
+        # Base files are no choices; "run" is navigate's own default.
         parts = re.compile(r"base|schema|run|\w+_schema")
         choices = [option for option in options if not parts.fullmatch(option)]
         rule = f"{group} must be one of {', '.join(choices)}"

@@ -143,7 +143,8 @@ def running_episodes(
 ) -> list[dict[str, Any]] | None:
     """What processes need to resume their episodes, between two batches.
 
-    ``None`` if they never wait, or cannot play again; raises as `collect_batches`.
+    ``None`` for async collectors and worlds that cannot replay; raises as
+    `collect_batches`.
     """
     if not isinstance(collector, MultiSyncCollector):
         return None
@@ -192,7 +193,7 @@ def _watched(max_idle_s: float) -> Iterator[None]:
         said = str(error).partition("\n\nWorker traceback:")[0].strip()
         if isinstance(error, (EngineError, SettingsError)):
             raise type(error)(said) from error
-        # TorchRL stumbles over those that live on when one has died.
+        # TorchRL raises this while it closes the survivors of a dead process.
         lost = isinstance(error, ValueError) and "close a process" in said
         if not (lost or isinstance(error, (RuntimeError, EOFError, OSError))):
             raise

@@ -198,7 +198,7 @@ class MailboxCollector(Collector):
         }
 
     def resume_episodes(self, state: Mapping[str, Any]) -> None:
-        """Go on where another collector of the same arguments was asked."""
+        """Continue from what an identical collector's `running_episodes` returned."""
         self.env.base_env.games.resume_episodes(state["games"])
         self.env.transform.load_state_dict(state["transforms"], strict=False)
         self.pull()

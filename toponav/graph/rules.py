@@ -25,7 +25,7 @@ class MapRules:
     tc_reach: float
     #: Which clauses of eq. 10 make edges: similarity, succession in time, or both.
     edges: Edges = "both"
-    #: Succession in time joins waypoints whose views are at most so many decisions
+    #: Succession in time joins waypoints whose views are at most this many decisions
     #: apart in one episode: the k of eq. 10.
     edge_steps: int = 1
     #: Which view of an episode after the first says what a new waypoint reaches:
@@ -33,7 +33,7 @@ class MapRules:
     extend_by: ExtendBy = "itself"
     window: int = 1  # observations on either side that vote
     search_window: int = 2  # the same in a search among all waypoints
-    #: Of the observations up to so many before and after one found in such a search,
+    #: Of the observations up to this many before and after one found in such a search,
     #: eight are compared with twice as many waypoints as this, the nearest by edges; 0
     #: for no such test. Bare walls look alike, the corridors to them do not.
     surroundings: int = 0
@@ -86,7 +86,7 @@ class NavigatorRules:
     #: What it must come nearer to, or edges are closed: the ``"goal"`` (`Progress`) or
     #: the next waypoint, beyond the next ``"edge"`` of its path (`EdgeProgress`).
     block_on: BlockOn = "goal"
-    block_after: int | None = 40  # in so many decisions; ``None`` never closes one
+    block_after: int | None = 40  # window in decisions; ``None`` never closes one
     fade_after: int | None = None  # decisions after which a cut opens again
     #: Decisions at a goal's waypoint after which it is dropped for the episode.
     goal_patience: int | None = 20

@@ -1,4 +1,4 @@
-"""From views to embeddings, of the networks and of the policy; pixels are checked."""
+"""Image encoders, the policy's trunks, and `check_pixels`."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Scripted policies: random walks, and experts that know the maze; never agents."""
+"""Scripted policies: random walks, and experts that know the maze; nothing learned."""
 
 from collections.abc import Callable, Sequence
 

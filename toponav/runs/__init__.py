@@ -1,4 +1,4 @@
-"""What a run leaves on disk: folders, checkpoints, tables."""
+"""Run folders: locks, checkpoints, tables, drawn settings."""
 
 from toponav.runs.draws import keep_draws as keep_draws, log_uniform as log_uniform
 from toponav.runs.files import (

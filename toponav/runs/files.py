@@ -1,4 +1,4 @@
-"""Files of a run folder: written atomically; checkpoints are read back.
+"""Files of a run folder, written atomically: checkpoints, tables and logs.
 
 Checkpoints hold tensors and plain values, and are read without running code.
 """
@@ -24,7 +24,7 @@ from toponav.config import SettingsError, require
 #: The file in a run folder from which a run is resumed.
 CHECKPOINT_FILE = "checkpoint.pt"
 # Under these keys a checkpoint holds weights and what trains them.
-_TRAINED = {"weights", "policy", "optimizer", "head", "rnd"}
+_TRAINED = {"weights", "policy", "optimizer", "head", "reward"}
 #: One measurement: names to values.
 Figures = Mapping[str, float]
 
@@ -130,8 +130,8 @@ def _not_finite(
 def make_loggers(folder: Path, last_step: int) -> list[Logger]:
     """TorchRL's loggers: ``logs/csv`` (a file a name) and ``logs/tensorboard``.
 
-    A resumed run appends to both. What was logged after ``last_step``, which it does
-    again, goes from the one, and TensorBoard leaves it out.
+    A resumed run appends to both. Rows after ``last_step``, which it logs again, are
+    dropped from the CSV files and hidden in TensorBoard.
     """
     logs = folder / "logs"
     for path in logs.glob("csv/scalars/**/*.csv"):

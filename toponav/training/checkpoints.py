@@ -97,7 +97,7 @@ def restore_exploration(
         return None
     with reading_checkpoint(path, "resume", _EXPLORATION, "an exploration") as found:
         for name, consumer in consumers.items():
-            # A run that resumes with a part that it had not gets it fresh.
+            # A consumer that is new in the resumed run starts fresh.
             if name in found["consumers"]:
                 consumer.load_state_dict(found["consumers"][name])
         torch.set_rng_state(found["torch_generator"])

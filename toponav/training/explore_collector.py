@@ -151,7 +151,7 @@ def make_explore_collector(
     ``collect.mode=async`` while the caller learns from the last one; it then is at most
     two batches behind the newest weights. With ``sync`` all wait for the caller and
     hand over one batch together. If an earlier part of the run made ``decisions``, it
-    goes on with its ``episodes``, which `running_episodes` has given, or with new ones.
+    resumes their ``episodes`` (from `running_episodes`) or starts new ones.
 
     Iterate with `collect_batches`; end it in ``finally`` with `stop_collector`; never
     ask it for TorchRL's state while it runs (it would drop a rollout and hang).

@@ -1,4 +1,4 @@
-"""`NavigatorMethod`: the base type of navigators."""
+"""`NavigatorMethod`: what a navigator declares."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Need = Literal["world", "knowledge", "truth"]
 
 @dataclass(frozen=True, kw_only=True)
 class NavigatorMethod:
-    """How one navigator is made, trained too if it must be."""
+    """How one navigator is made."""
 
     #: Of its settings in ``conf/navigator``; `NavigatorConfig` itself if it has none.
     schema: type[NavigatorConfig]

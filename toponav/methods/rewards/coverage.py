@@ -6,7 +6,9 @@ from toponav.keys import COVERAGE_REWARD
 
 
 class CoverageMethod(RewardMethod):
-    """An upper bound: the ground truth is the reward, never an observation.
+    """An upper bound, not an agent to report: the ground truth is its reward.
+
+    The policy sees no more of it than the previous reward, as with any method.
 
     The ``Coverage`` transform of every environment with ground truth writes the key; in
     a world without any, this is a `SettingsError`.
