@@ -44,17 +44,16 @@ from omegaconf import OmegaConf
 
 from toponav.builders import load_networks, make_layout, make_networks, save_networks
 from toponav.config import MazeConfig, ModelConfig, SettingsError
-from toponav.envs import MAZES, load_maze
+from toponav.envs import DEFAULT_ENGINE, MAZES, load_engine, load_maze
 from toponav.graph import MapFileError, load_map, save_map
 from toponav.runs import reading_checkpoint, save_atomically
-from toponav.worlds import WorldSpec
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Seconds and bytes of a case.
 LIMIT_S, LIMIT_BYTES = 30.0, 12 * 2**30
 GOOD, FAULTS = ("refused", "accepted"), ("traceback", "hang", "changed", "litter")
 HEADER = {"kind": "toponav exploration", "version": 2}
-WORLD = WorldSpec(view_size=(64, 64), actions=("left", "right", "forward"))
+WORLD = load_engine(DEFAULT_ENGINE).world
 MODEL = ModelConfig(
     encoder="small",
     embedding_dim=8,
