@@ -95,6 +95,8 @@ def test_a_maze_file_gives_all_values_of_the_schema() -> None:
     ("override", "message"),
     [
         ("maze.apples=-1", "maze.apples must be at least 0, got -1"),
+        ("seed=-1", r"seed must lie in \[0, 4294967295\], got -1"),
+        ("maze.seed=99999999999999999999", r"maze.seed must lie in \[0, 42949"),
         ("maze.paintings=1.5", r"maze.paintings must lie in \[0, 1\], got 1.5"),
         ("maze.marks=-1", r"maze.marks must lie in \[0, 1\], got -1"),
         ("maze.episode_length=0", "maze.episode_length must be at least 1, got 0"),

@@ -282,8 +282,6 @@ def test_a_loss_that_explodes_stops_the_run(networks: Path, tmp_path: Path) -> N
         ("reward=rdn", "got 'rdn' (did you mean 'rnd'?)"),
         ("engine=vizdom", "engine must be one of"),
         ("+reward.foo=1", "'reward.foo' must be a setting of explore, got none"),
-        ("seed=-1", "seed must lie in [0, 4294967295], got -1"),
-        ("maze.seed=99999999999999999999", "maze.seed must lie in [0, 4294967295]"),
         ("=3", "a setting must have a name before its equals sign, got '=3'"),
         ("--foo", "what begins with a dash must be a flag of Hydra's"),
         ("policy.view_size=100000000", "fit into this machine's memory and disk"),
