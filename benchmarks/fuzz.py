@@ -42,6 +42,7 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
+from toponav import reports
 from toponav.builders import load_networks, make_layout, make_networks, save_networks
 from toponav.config import MazeConfig, ModelConfig, SettingsError
 from toponav.envs import DEFAULT_ENGINE, MAZES, load_engine, load_maze
@@ -219,7 +220,9 @@ def settings_case(number: int, draw: random.Random, work: Path) -> Case:
     if draw.random() < 0.1:
         words += ["world=gym", "world.id=CartPole-v1"]
     folder = work / f"run-{number}"
-    line = ["scale=smoke", *USUAL[recipe], f"hydra.run.dir={folder}", *words]
+    line = ["scale=smoke", *USUAL[recipe], *words]
+    if recipe != "report":  # which writes into the folder that it reports on
+        line.insert(0, f"hydra.run.dir={folder}")
     what = f"{recipe} {' '.join(words)}"[:200]
     return Case(number, "settings", what, lambda: run_recipe(recipe, line), folder)
 
@@ -255,8 +258,9 @@ def run_recipe(recipe: str, words: list[str]) -> None:
     script = importlib.import_module(f"recipes.{recipe}")
     # The first of these that the recipe calls ends it.
     for name in ("evaluate_policies", "collect_held_out", "make_env", "make_game_env"):
-        if hasattr(script, name):
-            setattr(script, name, stop)
+        for owner in (script, reports):
+            if hasattr(owner, name):
+                setattr(owner, name, stop)
     sys.argv = [f"{recipe}.py", *words]
     script.main()
 

@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from toponav.config import RECIPES, SettingsError, TrainingError
+from toponav.config import RECIPES, SettingsError, TrainingError, require
 from toponav.envs import EngineError
 from toponav.methods import METHODS
 
@@ -80,7 +80,8 @@ def unknown_setting(key: str, name: str, methods: Mapping[str, str]) -> str:
     """The sentence for a name that no setting has; empty if one has it."""
     known = list(settings_of(RECIPES[name]))
     for group, method in methods.items():
-        known += settings_of(METHODS[group][method], f"{group}.")
+        if method in METHODS[group]:
+            known += settings_of(METHODS[group][method], f"{group}.")
     rule = f"'{key}' must be a setting of {name}, got none of that name"
     return "" if key in known else rule + _hint(key, known)
 
@@ -96,13 +97,18 @@ def _in_force(errors: Iterable[BaseException]) -> dict[str, str]:
     """The method of each group in the settings that OmegaConf refused."""
     for error in errors:
         if isinstance(error, OmegaConfBaseException) and error.parent_node is not None:
-            return methods_of(error.parent_node._get_root())
+            root = error.parent_node._get_root()
+            return {group: root[group].name for group in METHODS if group in root}
     return {}
 
 
 def methods_of(cfg: Any) -> dict[str, str]:
-    """The method of each group that these settings have."""
-    return {group: cfg[group].name for group in METHODS if group in cfg}
+    """The method of each group that these settings have; SettingsError without one."""
+    found = {group: cfg[group].name for group in METHODS if group in cfg}
+    for group, name in found.items():
+        rule = f"{group} must be one of {', '.join(METHODS[group])}"
+        require(name in METHODS[group], rule, f"'{name}'")
+    return found
 
 
 def _hint(given: str, choices: list[str]) -> str:
