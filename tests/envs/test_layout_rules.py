@@ -157,3 +157,9 @@ def test_what_has_no_end_is_not_read_to_it(kind: str, tmp_path: Path) -> None:
     reason = "more than 100000 characters" if kind == "huge" else "a folder, pipe or"
     with pytest.raises(LayoutError, match=f"readable UTF-8 text, got {reason}"):
         load_layout_file(path)
+
+
+def test_a_name_with_a_line_break_stays_on_one_line() -> None:
+    with pytest.raises(LayoutError) as caught:
+        Layout("", name="a\nb")
+    assert str(caught.value).startswith(r"layout 'a\nb', line 1: ")

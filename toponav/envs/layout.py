@@ -34,7 +34,7 @@ class LayoutError(ValueError):
     def __init__(
         self, rule: str, name: str, line: int | None = None, column: int | None = None
     ) -> None:
-        place = f"layout '{name}'"
+        place = f"layout {name!r}"
         for what, number in (("line", line), ("column", column)):
             place += "" if number is None else f", {what} {number}"
         super().__init__(f"{place}: {rule}")
