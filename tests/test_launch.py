@@ -84,3 +84,10 @@ def test_a_folder_may_look_like_a_setting(
     run_folder(tmp_path)
     name = "maze=select,seed=0"
     assert named_folder([name], "folder") == [f"folder='{name}'"]
+
+
+def test_a_command_line_that_was_cut_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "overrides.yaml").write_text("- a=1\n- - b\n-\n")
+    with pytest.raises(SettingsError, match="command line was kept whole"):
+        resumed_arguments([f"resume={tmp_path}"], "explore")

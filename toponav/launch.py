@@ -193,6 +193,8 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
         f"settings, '{other}'",
     )
     first: Any = OmegaConf.to_container(read_yaml(overrides, ListConfig))
+    rule = "resume must name a run whose command line was kept whole"
+    require(all(isinstance(word, str) for word in first), rule, f"'{overrides}'")
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
 
