@@ -27,6 +27,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
 from hydra import compose, initialize_config_dir
@@ -37,8 +38,8 @@ from toponav.builders import (
     Networks,
     World,
     collect_batches,
-    keep_freed_memory,
     make_networks,
+    prepare_process,
     stop_collector,
 )
 from toponav.collectors import Mailbox
@@ -76,12 +77,17 @@ ALWAYS_NOVEL = ["reward.threshold=0.999", "reward.persistence=1"]
 WINDOWS = 12
 
 
+def compose_settings(recipe: str, words: list[str]) -> Any:
+    """Settings of a recipe by a command line."""
+    register()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return OmegaConf.to_object(compose(recipe, overrides=words))
+
+
 def make_settings(profile: str, overrides: list[str]) -> ExploreConfig:
     """Settings of a profile."""
-    register()
     words = [*PROFILES[profile], *ALWAYS_NOVEL, *overrides]
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        settings = OmegaConf.to_object(compose("explore", overrides=words))
+    settings = compose_settings("explore", words)
     assert isinstance(settings, ExploreConfig)
     return settings.resolved(settings.model)
 
@@ -170,17 +176,8 @@ def time_decision(
     return seconds
 
 
-def main() -> None:
-    """Measure one profile and print it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--profile", choices=PROFILES, default="laptop")
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
-    arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    keep_freed_memory()
-    settings = make_settings(arguments.profile, arguments.overrides)
+def measure(settings: ExploreConfig, seconds: float) -> dict[str, Any]:
+    """Explore for so many seconds, then time the parts, in seconds of a core."""
     envs = settings.collect.envs // settings.collect.workers
     world = make_world(settings)
     networks = make_networks(settings.model, world.spec)
@@ -194,15 +191,26 @@ def main() -> None:
         progress=lambda: 0.0,
     )
     explorer = Explorer(learner.policy, reward, networks)
-
-    best, mean, batch = run_all_in(
-        settings, world, explorer, learner, arguments.seconds
-    )
+    best, mean, batch = run_all_in(settings, world, explorer, learner, seconds)
     parts = {"engines": time_env(world, envs)}
     parts |= time_decision(settings, world, networks, envs)
     learn = best_seconds(lambda: learner.extend(batch.clone()), 4)
     parts["learn"] = learn / batch.numel()
+    return {"best": best, "mean": mean, "parts": parts}
 
+
+def main() -> None:
+    """Measure one profile and print it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--profile", choices=PROFILES, default="laptop")
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
+    arguments = parser.parse_args()
+    prepare_process(threads=1)
+    settings = make_settings(arguments.profile, arguments.overrides)
+    found = measure(settings, arguments.seconds)
+    best, mean, parts = found["best"], found["mean"], found["parts"]
     cores = len(os.sched_getaffinity(0))
     spent = cores / best
     roof = cores / sum(parts.values())

@@ -42,7 +42,7 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from toponav import reports
+from toponav import reports, training
 from toponav.builders import load_networks, make_layout, make_networks, save_networks
 from toponav.config import MazeConfig, ModelConfig, SettingsError
 from toponav.envs import DEFAULT_ENGINE, MAZES, load_engine, load_maze
@@ -256,9 +256,11 @@ def run_recipe(recipe: str, words: list[str]) -> None:
         raise Accepted
 
     script = importlib.import_module(f"recipes.{recipe}")
-    # The first of these that the recipe calls ends it.
-    for name in ("evaluate_policies", "collect_held_out", "make_env", "make_game_env"):
-        for owner in (script, reports):
+    # What would be played in the meantime; the first of the others ends the recipe.
+    reports.start_baselines = lambda *_: None  # type: ignore[assignment]
+    ends = ("make_explore_collector", "collect_held_out", "make_env", "make_game_env")
+    for name in ends:
+        for owner in (script, reports, training):
             if hasattr(owner, name):
                 setattr(owner, name, stop)
     sys.argv = [f"{recipe}.py", *words]

@@ -59,9 +59,7 @@ def make_sparse(
     if tolerance >= 0:
         poses.merge(sparsify(topological_map, tolerance=tolerance))
     cost = topological_map.edge_cost.amin(1)
-    quality = map_quality(
-        truth.distances, poses.values, topological_map.edges, cost, far_cells=3.0
-    )
+    quality = map_quality(truth.distances, poses.values, topological_map.edges, cost)
     return {"tolerance": tolerance, **vars(quality)}
 
 

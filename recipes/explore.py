@@ -14,7 +14,8 @@ the consumers: the learner, the map, the log. The run folder gets ``metrics.csv`
 ``policy.pt``, ``networks.pt``, ``evaluation.csv`` and ``episode.mp4`` at the end, and
 ``checkpoint.pt``, from which ``resume`` continues. A topological map grows from the
 same views: ``map.zip``, with ``topology.png``, ``map.csv`` that judges it, and
-``map_poses.npy``, the ground truth about it, which no agent reads.
+``map_poses.npy``, the ground truth about it, which no agent reads. ``map_views.bin``
+has the views of its waypoints; the checkpoint needs it.
 """
 
 import time
@@ -34,12 +35,14 @@ PRETRAIN = Path(__file__).with_name("pretrain.py")
 @recipe("explore")
 def main(settings: ExploreConfig, folder: Path) -> None:
     """Find networks if they are needed, explore, evaluate."""
-    torch.set_num_threads(settings.threads or torch.get_num_threads())
-    builders.keep_freed_memory()
+    builders.prepare_process(threads=settings.threads)
 
-    # The world, and the networks that judge its views if this reward needs them.
+    # The world, policies that see nothing in it, networks if this reward needs them.
     world, networks = methods.make_world(settings), None
+    schedule = reports.explore_schedule(settings, folder)
+    baselines = reports.start_baselines(settings, world)
     if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
+        schedule.begin(reports.PRETRAIN)
         networks = builders.prepare_networks(settings, world, folder, PRETRAIN)
     settings = settings.resolved(None if networks is None else networks.model)
 
@@ -55,12 +58,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     episodes = None
     if settings.resume:
         episodes = training.restore_exploration(folder, state, consumers)
-
-    # Blind baselines: what exploring must beat.
-    if not state.evaluations:
-        baselines = reports.make_baselines(world, seed=settings.seed)
-        played = reports.evaluate_policies(settings, world, explorer, baselines)
-        state.evaluations = reports.write_evaluation(folder, played)
+    else:
         training.save_exploration(folder, state, consumers)
 
     # Other processes explore, with weights from a mailbox.
@@ -75,7 +73,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     )
     watch = {"max_idle_s": settings.collect.max_idle_s}
     batches = builders.collect_batches(collector, **watch)
-    report = reports.ExplorationReport(settings, world, folder, state, log, consumers)
+    report = reports.ExplorationReport(
+        settings, world, folder, state, log, consumers, schedule, baselines
+    )
     saving = reports.Timer(settings.report.save_every_s)
     started = time.monotonic() - state.seconds
     with stop_requests() as stop:
@@ -114,21 +114,24 @@ def main(settings: ExploreConfig, folder: Path) -> None:
             report.close()
             builders.stop_collector(collector)
 
-    # What can be done once no more batches come: last map, fine-tuning.
-    for consumer in consumers.values():
-        consumer.finish(folder)
+    # Whole episodes of what was learned, beside what is done once no more batches come:
+    # the last map, the fine-tuning.
+    schedule.begin(reports.EVALUATE)
+    policies = training.trained_policies(settings, world, learner, consumers)
+    with training.finishing(consumers, folder):
+        learned = reports.evaluate_policies(settings, world, explorer, policies)
     if networks is not None:
         builders.save_networks(networks, folder / builders.NETWORKS_FILE)
 
-    # Whole episodes of what was learned; the policy with more reward is kept.
-    policies = training.trained_policies(settings, world, learner, consumers)
-    learned = reports.evaluate_policies(settings, world, explorer, policies)
+    # The policy with more reward is kept.
     if reward.selection_metric is not None:
         metric = reward.selection_metric
         learned.sort(key=lambda one: one.mean(metric), reverse=True)
     training.save_policy(folder, policies[learned[0].policy].state_dict())
-    rows = reports.write_evaluation(folder, learned, state.evaluations)
+    blind = baselines.rows(settings, explorer)
+    rows = reports.write_evaluation(folder, learned, blind)
     reports.write_episode_video(folder, world, learned[0])
+    schedule.end()
     print(reports.summarize_evaluation(world.name, rows))
     print(
         f"{state.decisions:,} decisions in {state.seconds / 60:.1f} minutes, "

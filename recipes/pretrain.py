@@ -9,14 +9,14 @@
 Other processes walk at random, this one learns from their frames: which views are
 close in time (TC), and which action leads from one to the other (L). The run folder
 gets ``networks.pt`` (both networks and their thresholds), ``metrics.csv``,
-``curves.png``, TensorBoard files, a report (``report.json``, and ``report.png`` in a
+``curves.png``, TensorBoard files, ``walk.png`` (a map that the networks make of a
+random walk, while they learn), a report (``report.json``, and ``report.png`` in a
 world with ground truth) and ``checkpoint.pt``, from which ``resume`` continues.
 """
 
 import time
 from pathlib import Path
 
-import torch
 from tqdm import tqdm
 
 from toponav.builders import (
@@ -25,10 +25,10 @@ from toponav.builders import (
     CollectionError,
     collect_frames,
     collect_held_out,
-    keep_freed_memory,
     make_autocast,
     make_device,
     make_frame_buffer,
+    prepare_process,
     save_networks,
     start_networks,
 )
@@ -40,8 +40,9 @@ from toponav.reports import (
     summarize,
     write_measurements,
     write_reports,
+    write_walk_map,
 )
-from toponav.runs import make_loggers, write_history
+from toponav.runs import make_loggers, stop_requests, write_history
 from toponav.training import (
     Validation,
     decisions_due,
@@ -55,9 +56,7 @@ from toponav.training import (
 def main(settings: PretrainConfig, folder: Path) -> None:
     """Collect, train, validate, calibrate, report."""
     train, worlds, started = settings.train, make_worlds(settings), time.monotonic()
-    torch.manual_seed(settings.seed)
-    torch.set_num_threads(train.threads or torch.get_num_threads())
-    keep_freed_memory()
+    prepare_process(threads=train.threads, seed=settings.seed)
     device = make_device(settings.device)
     autocast = make_autocast(device, bf16=train.bf16)
 
@@ -82,41 +81,50 @@ def main(settings: PretrainConfig, folder: Path) -> None:
         counts = {"update": trainer.updates, "decisions": decisions, "seconds": seconds}
         return counts | validate()
 
-    try:
-        with (
-            collect_frames(
-                settings, worlds, needed=trainer.updates < train.updates
-            ) as batches,
-            tqdm(total=train.updates, initial=trainer.updates, unit="update") as bar,
-        ):
-            while trainer.updates < train.updates:
-                # Collect the decisions that are due before this update.
-                while decisions < decisions_due(settings, trainer.updates):
-                    bar.set_description(f"collect, {decisions:,} decisions")
-                    batch = next(batches).flatten().select(*FRAME_KEYS)
-                    buffer.extend(batch)
-                    decisions += len(batch)
+    with stop_requests() as stop:
+        try:
+            with (
+                collect_frames(
+                    settings, worlds, needed=trainer.updates < train.updates
+                ) as batches,
+                tqdm(
+                    total=train.updates, initial=trainer.updates, unit="update"
+                ) as bar,
+            ):
+                while trainer.updates < train.updates and not stop.requested:
+                    # Collect the decisions that are due before this update.
+                    if decisions < decisions_due(settings, trainer.updates):
+                        bar.set_description(f"collect, {decisions:,} decisions")
+                        batch = next(batches).flatten().select(*FRAME_KEYS)
+                        buffer.extend(batch)
+                        decisions += len(batch)
+                        continue
 
-                # Train on pairs of all frames so far.
-                losses = trainer.step()
-                bar.set_description("train", refresh=False)
-                bar.update()
-                is_last = trainer.updates == train.updates
+                    # Train on pairs of all frames so far.
+                    losses = trainer.step()
+                    bar.set_description("train", refresh=False)
+                    bar.update()
+                    is_last = trainer.updates == train.updates
 
-                # Measure on the held-out episodes.
-                if is_last or trainer.updates % settings.validate.every == 0:
-                    bar.set_description("validate")
-                    history.append(measure() | losses)
-                    write_measurements(folder, loggers, history)
-                    bar.set_postfix(progress_figures(history[-1]))
+                    # Measure on the held-out episodes.
+                    if is_last or trainer.updates % settings.validate.every == 0:
+                        bar.set_description("validate")
+                        history.append(measure() | losses)
+                        write_measurements(folder, loggers, history)
+                        progress = f"{trainer.updates:,} of {train.updates:,} updates"
+                        write_walk_map(folder, validate, worlds[0], progress)
+                        bar.set_postfix(progress_figures(history[-1]))
 
-                # Save, now and then and at the end.
-                if is_last or time.monotonic() - saved > train.save_every_s:
-                    save_training(folder, networks, trainer, history)
-                    saved = time.monotonic()
-    except CollectionError:
-        save_training(folder, networks, trainer, history)
-        raise
+                    # Save, now and then and at the end.
+                    if is_last or time.monotonic() - saved > train.save_every_s:
+                        save_training(folder, networks, trainer, history)
+                        saved = time.monotonic()
+        except CollectionError:
+            save_training(folder, networks, trainer, history)
+            if not stop.requested:
+                raise
+        if stop.requested:
+            save_training(folder, networks, trainer, history)
     if not history:  # Only the networks of `init_from` are to be measured.
         write_history(folder / "metrics.csv", [measure()])
 

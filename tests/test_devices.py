@@ -14,6 +14,7 @@ import torch
 from torch import nn
 
 from tests.exploring import explore_settings, make_batch, world_of
+from tests.forked import run_forked
 from tests.models import tiny_model
 from tests.stand_in_device import NAME, StandInDevice
 from tests.training.pair_storage import WORLD, make_trainer, make_walks, pair_settings
@@ -137,25 +138,23 @@ def test_recipes_run_there(tmp_path: Path) -> None:
     """Pre-training, exploring with all that trains, and a resume of it."""
 
     def run(name: str, *overrides: str) -> None:
-        done = subprocess.run(
-            [
-                sys.executable,
-                str(ROOT / "tests" / "stand_in_device.py"),
-                str(ROOT / "recipes" / f"{name}.py"),
-                *overrides,
-            ],
-            capture_output=True,
-            text=True,
-            timeout=280,
-            check=False,
-        )
+        done = run_forked(name, *overrides, inside=StandInDevice())
         assert done.returncode == 0, done.stderr
 
     small = ("scale=smoke", f"device={NAME}", "model.embedding_dim=8")
     networks, folder = tmp_path / "networks", tmp_path / "run"
-    validate = ("validate.decisions=90", "validate.every=2")
-    updates = ("train.updates=2", "train.warmup=1")
-    run("pretrain", *small, *updates, *validate, f"hydra.run.dir={networks}")
+    validate = ("validate.decisions=60", "validate.every=2", "validate.pairs=20")
+    updates = ("train.updates=2", "train.warmup=1", "collect.decisions=512")
+    script = ROOT / "tests" / "stand_in_device.py"
+    words = [*small, *updates, *validate, f"hydra.run.dir={networks}"]
+    done = subprocess.run(
+        [sys.executable, str(script), str(ROOT / "recipes/pretrain.py"), *words],
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
     run(
         "explore",
         *small,
@@ -163,6 +162,12 @@ def test_recipes_run_there(tmp_path: Path) -> None:
         "policy.hidden=16",
         "policy.input=pixels",
         "loss=a3c",
+        "maze.episode_length=32",
+        "collect.decisions=512",
+        "evaluate.episodes=1",
+        "evaluate.random_episodes=1",
+        f"evaluate.random_folder={tmp_path}/baselines",
+        "locomotion.updates=3",
         "online.learn=true",
         "online.ahead=256",
         "online.every=256",

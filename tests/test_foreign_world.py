@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.exploring import explore_settings
+from tests.forked import run_forked
 from toponav.builders import load_networks
 from toponav.builders.pretraining import pretraining_overrides
 from toponav.graph import load_map
@@ -89,7 +90,8 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
 def test_what_does_not_fit_is_one_sentence(
     words: list[str], sentence: str, tmp_path: Path
 ) -> None:
-    done = explore(*words, "hydra.run.dir=run", cwd=tmp_path)
+    words = ["scale=smoke", *words, "hydra.run.dir=run"]
+    done = run_forked("explore", *words, cwd=tmp_path)
     assert done.returncode == 2, done.stderr
     assert sentence in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -1,9 +1,13 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from toponav.config import SettingsError
 from toponav.launch import named_folder, resumed_arguments
+
+RECIPES = Path(__file__).parent.parent / "recipes"
 
 
 def run_folder(tmp_path: Path, *overrides: str) -> Path:
@@ -88,6 +92,35 @@ def test_a_folder_may_look_like_a_setting(
 
 def test_a_command_line_that_was_cut_is_refused(tmp_path: Path) -> None:
     (tmp_path / "config").mkdir()
-    (tmp_path / "config" / "overrides.yaml").write_text("- a=1\n- - b\n-\n")
-    with pytest.raises(SettingsError, match="command line was kept whole"):
-        resumed_arguments([f"resume={tmp_path}"], "explore")
+    for damaged in ("- a=1\n- - b\n-\n", "- a=1\n- =3\n", "- ''\n"):
+        (tmp_path / "config" / "overrides.yaml").write_text(damaged)
+        with pytest.raises(SettingsError, match="command line was kept whole"):
+            resumed_arguments([f"resume={tmp_path}"], "explore")
+
+
+@pytest.mark.slow
+def test_a_process_of_its_own_ends_with_one_sentence(tmp_path: Path) -> None:
+    """What other tests see in a fork of theirs."""
+    said = {
+        "explore reward.alpha=2": "must lie in [0, 1], got 2 (did you mean 1?)",
+        "navigate run=null": "must name the folder of an exploration, got none",
+        "tour video=avi": "video must be one of mp4, gif, got avi",
+        "report nowhere": "must name the folder of a sweep or a run, got 'nowhere'",
+    }
+    started = {}
+    for line in said:
+        recipe, word = line.split()
+        started[line] = subprocess.Popen(
+            [sys.executable, str(RECIPES / f"{recipe}.py"), word],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    for line, process in started.items():
+        output, errors = process.communicate(timeout=200)
+        assert (process.returncode, output) == (2, "")
+        assert errors.startswith(f"{line.split()[0]}: ")
+        assert errors.endswith(f"{said[line]}\n")
+        assert len(errors.splitlines()) == 1
+    assert not list(tmp_path.iterdir())

@@ -10,16 +10,13 @@ import pytest
 from PIL import Image
 
 from tests.explored import make_run, write_map
+from tests.forked import run_forked
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "navigate.py"
 
 
 def navigate(run: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    words = [
-        f"run={run}",
-        "scale=smoke",
-        *overrides,
-    ]
+    words = [f"run={run}", "scale=smoke", *overrides]
     return subprocess.run(
         [sys.executable, str(RECIPE), *words],
         cwd=run,
@@ -28,6 +25,12 @@ def navigate(run: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
         timeout=280,
         check=False,
     )
+
+
+def play(run: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    """The same in a fork of this process."""
+    words = [f"run={run}", "scale=smoke", *overrides]
+    return run_forked("navigate", *words, cwd=run)
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -81,7 +84,7 @@ def test_a_sweep_over_closed_slots_leaves_tables_pictures_and_videos(run: Path) 
 
 @pytest.mark.slow
 def test_by_edges_it_closes_what_it_does_not_get_over(run: Path) -> None:
-    done = navigate(
+    done = play(
         run,
         "maze.blocked=[a]",
         "navigator.block_on=edge",
@@ -98,16 +101,16 @@ def test_by_edges_it_closes_what_it_does_not_get_over(run: Path) -> None:
 
 @pytest.mark.slow
 def test_all_meet_the_same_episodes_and_a_seed_repeats_them(run: Path) -> None:
-    def play(name: str, *overrides: str) -> list[dict[str, str]]:
-        done = navigate(run, "video.decisions=0", f"hydra.run.dir={name}", *overrides)
+    def played(name: str, *overrides: str) -> list[dict[str, str]]:
+        done = play(run, "video.decisions=0", f"hydra.run.dir={name}", *overrides)
         assert done.returncode == 0, done.stderr
         assert not (run / name / "walk.mp4").exists()
         return rows(run / name / "episodes.csv")
 
-    first = play("first")
-    alone = play("alone", "evaluate.policies=[oracle]")
+    first = played("first")
+    alone = played("alone", "evaluate.policies=[oracle]")
     assert [row for row in first if row["policy"] == "oracle"] == alone
-    again = play("again", "evaluate.policies=[navigator]", "goals.source=map")
+    again = played("again", "evaluate.policies=[navigator]", "goals.source=map")
     assert [row for row in first if row["policy"] == "navigator"] == again
 
 
@@ -115,7 +118,7 @@ def test_all_meet_the_same_episodes_and_a_seed_repeats_them(run: Path) -> None:
 def test_goals_are_played_where_there_are_pictures(tmp_path: Path) -> None:
     config = make_run(tmp_path)
     write_map(tmp_path, config, cells=3)
-    done = navigate(tmp_path, "video.decisions=0", "hydra.run.dir=few")
+    done = play(tmp_path, "video.decisions=0", "hydra.run.dir=few")
     assert done.returncode == 0, done.stderr
     assert "| places_without_picture | 4 " in done.stdout
     summary = rows(tmp_path / "few" / "summary.csv")
@@ -125,7 +128,7 @@ def test_goals_are_played_where_there_are_pictures(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_pictures_of_a_walk_that_the_map_has_not_seen(run: Path) -> None:
-    done = navigate(
+    done = play(
         run,
         "goals.source=walk",
         "evaluate.policies=[navigator]",
@@ -170,6 +173,6 @@ def test_pictures_of_a_walk_that_the_map_has_not_seen(run: Path) -> None:
 def test_a_bad_setting_is_one_sentence(
     run: Path, overrides: list[str], sentence: str
 ) -> None:
-    done = navigate(run, *overrides)
+    done = play(run, *overrides)
     assert done.stderr.strip().splitlines()[-1] == sentence
     assert done.returncode == 2

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from tests.forked import run_forked
 from toponav.builders import load_networks
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "pretrain.py"
@@ -63,30 +64,45 @@ def test_it_leaves_networks_measurements_and_pictures(run: Path) -> None:
     assert report["thresholds"]["tc_threshold"]["target"] == 0.125
     assert (run / "report.png").stat().st_size > 10_000
     assert (run / "curves.png").stat().st_size > 10_000
+    assert (run / "walk.png").stat().st_size > 10_000
     assert list((run / "logs/tensorboard").iterdir())
     assert (run / "logs/csv/scalars/pretrain/loss_tc.csv").exists()
 
 
 @pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_to_the_same_end(
-    run: Path, tmp_path: Path
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_run_that_was_ended_goes_on_to_the_same_end(
+    run: Path, tmp_path: Path, number: int
 ) -> None:
     folder = tmp_path / "maze=select,seed=0"  # as a sweep names folders
-    process = subprocess.Popen(
-        command(*SMOKE, "train.save_every_s=0.01", f"hydra.run.dir='{folder}'"),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    said = tmp_path / "said"
+    # Who is asked to stop saves first; who is killed has saved before.
+    every, mark = (0.01, "checkpoint.pt") if number == signal.SIGKILL else (60, "logs")
+    with said.open("wb") as file:
+        process = subprocess.Popen(
+            command(*SMOKE, f"train.save_every_s={every}", f"hydra.run.dir='{folder}'"),
+            stdout=subprocess.DEVNULL,
+            stderr=file,
+        )
     try:
         deadline = time.monotonic() + 200
-        while not (folder / "checkpoint.pt").exists():
+        while not (folder / mark).exists():
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.05)
+        # Until the loop begins, which looks at it, a signal ends the run at once.
+        time.sleep(3 * (number == signal.SIGTERM))
     finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.send_signal(number)
+        status = process.wait()
     assert not (folder / "networks.pt").exists()
+    assert (folder / "checkpoint.pt").exists()
+    if number == signal.SIGTERM:
+        assert status == 128 + number
+        assert (
+            said.read_text().strip().endswith("stopped; resume=<run folder> continues")
+        )
+        assert "Traceback" not in said.read_text()
     done = pretrain(f"resume={folder}")
     assert done.returncode == 0, done.stderr
     assert rows(folder) == rows(run)
@@ -97,7 +113,8 @@ def test_networks_of_a_run_are_measured_in_other_mazes(
     run: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "both"
-    done = pretrain(
+    done = run_forked(
+        "pretrain",
         *SMOKE,
         "mazes=[maze1,maze2]",
         f"init_from={run}",
@@ -116,7 +133,8 @@ def test_networks_of_a_run_are_measured_in_other_mazes(
 
 @pytest.mark.slow
 def test_a_loss_that_explodes_stops_the_run(tmp_path: Path) -> None:
-    done = pretrain(*SMOKE, "train.lr=1e30", f"hydra.run.dir={tmp_path}/run")
+    words = (*SMOKE, "train.lr=1e30", f"hydra.run.dir={tmp_path}/run")
+    done = run_forked("pretrain", *words)
     assert done.returncode == 1
     message = done.stderr.strip().splitlines()[-1]
     assert message.startswith("pretrain: ")
@@ -147,9 +165,8 @@ def test_a_loss_that_explodes_stops_the_run(tmp_path: Path) -> None:
 def test_what_is_wrong_is_said_in_one_sentence(
     tmp_path: Path, overrides: list[str], sentence: str
 ) -> None:
-    done = pretrain(
-        *SMOKE, "maze.episode_length=150", *overrides, f"hydra.run.dir={tmp_path}/run"
-    )
+    words = ["maze.episode_length=150", *overrides, f"hydra.run.dir={tmp_path}/run"]
+    done = run_forked("pretrain", *SMOKE, *words)
     assert done.returncode == 2
     assert f"pretrain: {sentence}" in done.stderr
     assert "Traceback" not in done.stderr
@@ -160,7 +177,7 @@ def test_a_run_without_a_checkpoint_cannot_go_on(tmp_path: Path) -> None:
     (tmp_path / "config").mkdir()
     overrides = "\n".join(f"- {word}" for word in SMOKE)
     (tmp_path / "config/overrides.yaml").write_text(overrides)
-    done = pretrain(f"resume={tmp_path}")
+    done = run_forked("pretrain", f"resume={tmp_path}")
     assert done.returncode == 2
     assert f"resume must name a run with checkpoint.pt, got {tmp_path}" in done.stderr
     (tmp_path / "checkpoint.pt").write_bytes(b"PK\x03\x04 cut off")

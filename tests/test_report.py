@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from tests.forked import run_forked
 from tests.sweeps import make_exploration, make_pretraining, make_run
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "report.py"
@@ -54,7 +55,7 @@ def test_the_five_best_draws_stand_below_the_table(tmp_path: Path) -> None:
     for seed in range(6):
         folder = make_exploration(tmp_path, seed=seed, best=[0.5 + 0.05 * seed])
         (folder / "config/draws.yaml").write_text(f"loss.lr: {(seed + 1) / 1000}\n")
-    done = report(tmp_path, ".")
+    done = run_forked("report", ".", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     table, _, entries = (tmp_path / "report.md").read_text().partition("\n\n")
     assert "| top 5 draws |" in table.splitlines()[0]
@@ -72,7 +73,7 @@ def test_the_five_best_draws_stand_below_the_table(tmp_path: Path) -> None:
 def test_a_folder_with_runs_of_both_recipes_gets_two(tmp_path: Path) -> None:
     make_exploration(tmp_path / "a=1,b=2", best=[0.9])
     make_pretraining(tmp_path / "a=1,b=2", "k=2", mazes={"select": 0.9})
-    done = report(tmp_path, "folder=a=1,b=2")
+    done = run_forked("report", "folder=a=1,b=2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = {path.name for path in (tmp_path / "a=1,b=2").glob("report*")}
     kinds = ("csv", "md", "png")
@@ -83,14 +84,14 @@ def test_a_folder_with_runs_of_both_recipes_gets_two(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_without_runs_there_is_one_sentence(tmp_path: Path) -> None:
-    done = report(tmp_path, "nowhere")
+    done = run_forked("report", "nowhere", cwd=tmp_path)
     assert done.stderr.strip() == (
         "report: folder must name the folder of a sweep or a run, got 'nowhere'"
     )
     assert done.returncode == 2
     assert not list(tmp_path.iterdir())
     folder = make_run(tmp_path, "explore")
-    done = report(tmp_path, folder.name)
+    done = run_forked("report", folder.name, cwd=tmp_path)
     assert done.stderr.splitlines() == [
         f"{folder.name} is left out: it has no evaluation.csv",
         "report: folder must hold a finished run of explore or navigate or pretrain, "
@@ -104,7 +105,7 @@ def test_a_scale_says_how_many_bootstrap_samples(tmp_path: Path) -> None:
     make_exploration(tmp_path / "runs", best=[0.9, 0.3, 0.8, 0.4, 0.5])
     tables = []
     for words in ((), ("scale=laptop",), ("scale=smoke",), ("draws=200",)):
-        done = report(tmp_path, "runs", *words)
+        done = run_forked("report", "runs", *words, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         tables.append((tmp_path / "runs" / "report.csv").read_text())
     usual, laptop, smoke, few = tables

@@ -1,7 +1,6 @@
 """What the launcher sees to, for every recipe: folders, locks, sweeps that go on."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -9,16 +8,12 @@ import yaml
 from filelock import FileLock
 from omegaconf import OmegaConf
 
+from tests.forked import run_forked
 from toponav.runs import log_uniform
-
-TOUR = Path(__file__).parent.parent / "recipes" / "tour.py"
 
 
 def tour(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(TOUR), *words, "scale=smoke", "maze=maze1"]
-    return subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=200, check=False
-    )
+    return run_forked("tour", *words, "scale=smoke", "maze=maze1", cwd=folder)
 
 
 @pytest.mark.slow
@@ -80,3 +75,16 @@ def test_draws_of_a_sweep_are_plain_numbers_in_its_runs(tmp_path: Path) -> None:
         "2,1\n",
     )
     assert not (tmp_path / "bad").exists()
+
+
+@pytest.mark.slow
+def test_half_a_file_of_a_run_that_was_killed_is_removed(tmp_path: Path) -> None:
+    kept = ["run/notes.1", "run/.hidden", "run/more/.checkpoint.4242.pt"]
+    halves = ["run/.checkpoint.4242.pt", "run/logs/csv/scalars/.loss.4242.csv"]
+    for name in kept + halves:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    done = tour(tmp_path, "hydra.run.dir=run")
+    assert done.returncode == 0, done.stderr
+    assert [name for name in kept + halves if (tmp_path / name).exists()] == kept

@@ -11,6 +11,8 @@ import imageio.v3 as iio
 import pytest
 from PIL import Image
 
+from tests.forked import run_forked
+
 RECIPE = Path(__file__).parent.parent / "recipes" / "tour.py"
 SMALL = ("scale=smoke",)
 
@@ -44,9 +46,8 @@ def test_it_leaves_plan_views_and_video(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_sweep_makes_readable_folders(tmp_path: Path) -> None:
-    done = tour(
-        tmp_path, "-m", "maze=maze1", "maze.blocked=[],[a,b]", *SMALL, "video=gif"
-    )
+    words = ["-m", "maze=maze1", "maze.blocked=[],[a,b]", *SMALL, "video=gif"]
+    done = run_forked("tour", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (sweep,) = (tmp_path / "multirun/tour").iterdir()
     (first,) = sweep.glob("*maze.blocked=a,b*")
@@ -88,9 +89,18 @@ def test_a_sweep_makes_readable_folders(tmp_path: Path) -> None:
 def test_a_bad_setting_is_one_sentence(
     tmp_path: Path, overrides: list[str], sentence: str
 ) -> None:
-    done = tour(tmp_path, *overrides)
+    done = run_forked("tour", *overrides, cwd=tmp_path)
     assert done.stderr.strip() == sentence
     assert done.returncode == 2
+
+
+@pytest.mark.slow
+def test_a_refused_tour_without_settings_leaves_no_folder(tmp_path: Path) -> None:
+    words = ("hydra.output_subdir=null", "maze=file", "maze.path=/nowhere")
+    done = tour(tmp_path, *words)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.slow

@@ -40,6 +40,7 @@ BARE = {*SPEC.view_size, SPEC.motion.cell_size, SPEC.motion.step}
 #: The same numbers that are something else, by file and, in settings, by key.
 ALLOWED = {
     "benchmarks/coverage.py": "128 episodes",
+    "benchmarks/faults.py": "128 + signal: the exit status",
     "benchmarks/map_growth.py": "120 decisions",
     "toponav/builders/processes.py": "120 letters of a message",
     "toponav/ground_truth/distances.py": "1/128 cell, a weight, not in map units",
@@ -53,6 +54,7 @@ ALLOWED = {
     "conf/explore/laptop.yaml": "seconds between pictures and checkpoints",
     "conf/model/resnet18.yaml": "128 features of a projection",
     "conf/model/small.yaml": "128 features of a projection",
+    "conf/model/tiny.yaml": "128 features of a layer",
     "conf/pretrain/laptop.yaml": "seconds between checkpoints",
     "conf/pretrain/smoke.yaml": "decisions in a batch and an episode",
     "conf/scale/smoke.yaml": "128 pairs per update",

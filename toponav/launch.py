@@ -28,7 +28,13 @@ from toponav.refusals import (
     settings_of,
     unknown_setting,
 )
-from toponav.runs import alone_in, keep_draws, log_uniform, remove_unused
+from toponav.runs import (
+    alone_in,
+    keep_draws,
+    log_uniform,
+    remove_halves,
+    remove_unused,
+)
 
 Settings = TypeVar("Settings")
 
@@ -129,11 +135,15 @@ def _run_job(
                         raise SettingsError(unknown)
                 if own is not None:
                     keep_draws(own, cfg, words)
+                    remove_halves(folder)
                 settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
                 function(settings, folder)
             except BaseException:
-                if own is not None and not OmegaConf.select(cfg, "resume"):
-                    remove_unused(folder, {own.name, f"{job.job.name}.log"})
+                # What wrote into the working directory made no folder.
+                made = folder.resolve() != Path.cwd()
+                if made and not OmegaConf.select(cfg, "resume"):
+                    log = f"{job.job.name}.log"
+                    remove_unused(folder, {log} if own is None else {log, own.name})
                 raise
     except Exception as error:
         sentence = sentence_of(error, name)
@@ -194,7 +204,8 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
     )
     first: Any = OmegaConf.to_container(read_yaml(overrides, ListConfig))
     rule = "resume must name a run whose command line was kept whole"
-    require(all(isinstance(word, str) for word in first), rule, f"'{overrides}'")
+    whole = all(isinstance(word, str) and word[:1] not in ("", "=") for word in first)
+    require(whole, rule, f"'{overrides}'")
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
 

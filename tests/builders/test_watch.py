@@ -67,10 +67,14 @@ def take_all(config: PretrainConfig, *worlds: UnluckyWorld) -> None:
             pass
 
 
+#: Death is seen at once; who hangs need not have begun, on a busy machine.
+PATIENCE = {die: 60, hang: 8}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("then", "sentence"),
-    [(die, "must live as long as"), (hang, r"nothing came in 15 s")],
+    [(die, "must live as long as.*got: (?!nothing came)"), (hang, "came in 8 s")],
 )
 @pytest.mark.parametrize("while_it_starts", [True, False])
 def test_it_is_one_sentence_and_no_process_is_left(
@@ -81,20 +85,20 @@ def test_it_is_one_sentence_and_no_process_is_left(
         "scale=smoke",
         "collect.envs=2",
         "collect.batch=64",
-        "collect.max_idle_s=15",
+        f"collect.max_idle_s={PATIENCE[then]}",
     )
     world = UnluckyWorld(then, while_it_starts)
     begin = time.monotonic()
     with pytest.raises(CollectionError, match=sentence):
         take_all(config, world)
-    assert time.monotonic() - begin < 60
+    assert time.monotonic() - begin < 50
     assert_no_process_is_left()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("then", "sentence"),
-    [(die, "(process failed: worker 0|one of them died)"), (hang, "came in 12 s")],
+    [(die, "(process failed: worker 0|one of them died)"), (hang, "came in 8 s")],
 )
 def test_one_of_two_is_missed_while_the_other_delivers(
     then: Callable[[], None], sentence: str
@@ -104,12 +108,12 @@ def test_one_of_two_is_missed_while_the_other_delivers(
         "scale=smoke",
         "collect.envs=2",
         "collect.batch=16",
-        "collect.max_idle_s=12",
+        f"collect.max_idle_s={PATIENCE[then]}",
     )
     begin = time.monotonic()
     with pytest.raises(CollectionError, match=sentence):
         take_all(config, UnluckyWorld(then, False), UnluckyWorld(int, False))
-    assert time.monotonic() - begin < 60
+    assert time.monotonic() - begin < 50
     assert_no_process_is_left()
 
 

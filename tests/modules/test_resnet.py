@@ -1,4 +1,5 @@
 import copy
+import pickle
 
 import pytest
 import torch
@@ -93,3 +94,52 @@ def test_a_wrong_image_is_refused(encoder: ResNet18) -> None:
         encoder(torch.zeros(1, 32, 24, 3, dtype=torch.uint8))
     with pytest.raises(ValueError, match="must be finite"):
         encoder(torch.full((1, 24, 32, 3), torch.nan))
+
+
+def make_worn_encoder() -> ResNet18:
+    """With statistics, scales and shifts as after training."""
+    torch.manual_seed(0)
+    encoder = ResNet18(image_size=(24, 32))
+    for _ in range(3):
+        encoder(pixels(4))
+    for layer in encoder.modules():
+        if isinstance(layer, nn.BatchNorm2d):
+            nn.init.uniform_(layer.weight, 0.5, 1.5)
+            nn.init.uniform_(layer.bias, -0.5, 0.5)
+    return encoder.eval()
+
+
+def embed_plainly(encoder: ResNet18, views: torch.Tensor) -> torch.Tensor:
+    """With the normalisation apart: where there are gradients, nothing is folded."""
+    with torch.enable_grad():
+        return encoder(views).detach()
+
+
+@pytest.mark.parametrize("has_onednn", [True, False])
+def test_folding_and_packing_change_no_embedding(
+    has_onednn: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not has_onednn:
+        monkeypatch.setattr("torch.backends.mkldnn.is_available", lambda: False)
+    encoder = make_worn_encoder()
+    for views in (pixels(1), pixels(5), pixels(5)):
+        with torch.no_grad():
+            folded = encoder(views)
+        expected = embed_plainly(encoder, views)
+        torch.testing.assert_close(folded, expected, rtol=1e-3, atol=1e-4)
+
+
+@torch.no_grad()
+def test_folds_are_never_stale_and_copies_have_their_own() -> None:
+    encoder, views = make_worn_encoder(), pixels(3)
+    before = encoder(views)
+    others = [copy.deepcopy(encoder), pickle.loads(pickle.dumps(encoder))]
+    encoder.blocks[3].norm2.running_mean.add_(1)
+    encoder.stem.weight.data = encoder.stem.weight * 2
+    assert not torch.allclose(encoder(views), before, atol=1e-2)
+    expected = embed_plainly(encoder, views)
+    torch.testing.assert_close(encoder(views), expected, rtol=1e-3, atol=1e-4)
+    for other in others:
+        torch.testing.assert_close(other(views), before, rtol=1e-4, atol=1e-5)
+        other.bfloat16()
+        torch.testing.assert_close(other(views).float(), before, rtol=0.1, atol=0.1)

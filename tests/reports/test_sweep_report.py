@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from tests.sweeps import make_exploration, make_pretraining, make_run
+from toponav.metrics import summarize_scores
 from toponav.reports import report_exploration, report_pretraining
 from toponav.runs import find_runs
 
@@ -196,3 +197,18 @@ def test_no_finished_run_leaves_no_figure(tmp_path: Path, recipe, report) -> Non
     assert found.scores == []
     assert found.figure is None
     assert len(found.left_out) == 1
+
+
+def test_what_has_no_number_is_left_out_and_said(tmp_path: Path) -> None:
+    known = make_pretraining(tmp_path, "pairs.k=4", mazes={"maze1": 0.75})
+    unknown = make_pretraining(tmp_path, "pairs.k=5", mazes={"maze1": 0.5})
+    text = (unknown / "report.json").read_text()
+    (unknown / "report.json").write_text(text.replace("0.5,", "null,", 1))
+    found = report_pretraining(find_runs(tmp_path))
+    assert [one.settings["pairs.k"] for one in found.scores] == ["4", "4", "5"]
+    assert found.left_out == [
+        "TC accuracy (%) of maze1 (pairs.k=5) is left out: some of its values are "
+        "missing or no finite numbers"
+    ]
+    assert len(summarize_scores(found.scores, subject="maze")) == 3
+    assert known.exists()

@@ -7,6 +7,7 @@ import torch
 
 from tests.exploring import explore_settings, make_batch, world_of
 from toponav.builders import make_networks
+from toponav.envs import ENGINES
 from toponav.methods import make_reward
 from toponav.training import (
     ExplorationState,
@@ -19,7 +20,7 @@ from toponav.training import (
 THRESHOLDS = {"reward_threshold": 0.5, "tc_threshold": 0.9, "tc_reach": 0.7}
 
 
-def consumers_of(*overrides: str):
+def consumers_of(folder: Path, *overrides: str):
     config = explore_settings(*overrides)
     world, networks = world_of(config), None
     if config.reward.name == "novelty":
@@ -28,9 +29,9 @@ def consumers_of(*overrides: str):
         networks.thresholds = dict(THRESHOLDS)
     state = ExplorationState()
     reward = make_reward(config, world, networks)
-    learner = make_learner(config, world, reward, state, Path("run"))
+    learner = make_learner(config, world, reward, state, folder)
     _, consumers = make_consumers(
-        config, world, networks, learner, reward, state, Path("run")
+        config, world, networks, learner, reward, state, folder
     )
     return config, world, learner, consumers
 
@@ -40,8 +41,8 @@ def consumers_of(*overrides: str):
     [
         ([], ["episodes", "learner", "best", "reward", "map", "locomotion"]),
         (
-            ["online.learn=true"],
-            ["episodes", "learner", "best", "reward", "map", "online"],
+            ["online.learn=true", "engine=fake"],
+            ["episodes", "learner", "best", "reward", "online", "map"],
         ),
         # An encoder of its own cannot learn from the TC-network's embeddings.
         (
@@ -58,12 +59,18 @@ def consumers_of(*overrides: str):
         (["reward=random"], ["episodes", "learner", "reward"]),
     ],
 )
-def test_what_is_off_is_not_in_the_list(overrides: list[str], names: list[str]) -> None:
-    assert list(consumers_of(*overrides)[-1]) == names
+def test_what_is_off_is_not_in_the_list(
+    overrides: list[str],
+    names: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    assert list(consumers_of(tmp_path, *overrides)[-1]) == names
 
 
-def test_all_can_learn_from_a_batch_with_the_keys_they_ask_for() -> None:
-    config, _, _, consumers = consumers_of("map.grow=false")
+def test_all_can_learn_from_a_batch_with_the_keys_they_ask_for(tmp_path: Path) -> None:
+    config, _, _, consumers = consumers_of(tmp_path, "map.grow=false")
     batch = make_batch(config)
     batch["collector", "traj_ids"] = torch.zeros(4, 32, dtype=torch.int64)
     batch["step_count"] = torch.arange(32).expand(4, 32).unsqueeze(-1).clone()
@@ -76,8 +83,8 @@ def test_all_can_learn_from_a_batch_with_the_keys_they_ask_for() -> None:
     assert list(policies) == ["best", "last"]
 
 
-def test_no_consumer_but_log_and_map_asks_for_the_truth() -> None:
-    _, _, _, consumers = consumers_of()
+def test_no_consumer_but_log_and_map_asks_for_the_truth(tmp_path: Path) -> None:
+    _, _, _, consumers = consumers_of(tmp_path)
     for name, consumer in consumers.items():
         asks = any("privileged" in key for key in consumer.in_keys)
         assert asks == (name in ("episodes", "map")), name

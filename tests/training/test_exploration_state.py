@@ -61,15 +61,3 @@ def test_a_checkpoint_of_an_earlier_version_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(SettingsError, match=r"an exploration of version 2, got .* 1$"):
         restore_exploration(tmp_path, ExplorationState(), {})
-
-
-def test_baselines_are_known_where_coverage_is() -> None:
-    state = ExplorationState()
-    assert state.baselines == {}
-    state.evaluations = [
-        {"policy": "random", "coverage": 0.25},
-        {"policy": "random", "coverage": 0.75},
-        {"policy": "best", "coverage": 1.0},
-        {"policy": "sticky", "intrinsic_return": 1.0},
-    ]
-    assert state.baselines == {"random": 0.5}

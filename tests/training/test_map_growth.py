@@ -2,7 +2,9 @@
 
 import copy
 import csv
+import errno
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from toponav.builders import make_layout, make_networks
 from toponav.builders.maps import make_map
 from toponav.builders.pretraining import pretraining_decisions
 from toponav.config import SettingsError
-from toponav.graph import load_map
+from toponav.graph import load_map, save_map
 from toponav.ground_truth import GroundTruthDistances
 from toponav.training import MapGrowth
 
@@ -25,14 +27,14 @@ def settings(*overrides):
     return explore_settings("map.tc_threshold=0.6", "map.tc_reach=0.55", *overrides)
 
 
-def make_growth(config, *, seed=0):
+def make_growth(config, folder=None, *, seed=0):
     torch.manual_seed(seed)
     world = world_of(config)
     networks = make_networks(config.model, world.spec)
     networks.modules.eval()
     networks.thresholds = dict(THRESHOLDS)
     # A comparison that tells random embeddings apart: how near they are.
-    growth = MapGrowth(config, world, networks)
+    growth = MapGrowth(config, world, networks, folder)
     waypoints = growth.map.waypoints
     waypoints._compare = lambda one, many: torch.exp(
         -(one.unsqueeze(1) - many).square().mean(-1)
@@ -104,6 +106,7 @@ def test_what_it_writes_can_be_read(tmp_path) -> None:
     growth = make_growth(config)
     growth.extend(make_walk(config))
     growth.write(tmp_path)
+    growth.finish(tmp_path)
     assert growth.rows[-1]["decisions"] == 128
     state, about = load_map(tmp_path / "map.zip")
     assert torch.equal(state["embeddings"], growth.map.embeddings)
@@ -236,3 +239,59 @@ def test_episodes_that_run_go_on_in_a_resumed_run() -> None:
     assert torch.equal(one["origins"], other["origins"])
     assert torch.equal(one["traversals"], other["traversals"])
     assert torch.equal(whole.truth.poses.values, resumed.truth.poses.values)
+
+
+class SlowMap:
+    """`save_map`, which waits until it may go on."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.may_go, self.states = threading.Event(), []
+        monkeypatch.setattr("toponav.training.map_growth.save_map", self)
+
+    def __call__(self, state, path, **arguments) -> None:
+        self.states.append(state)
+        assert self.may_go.wait(20)
+        save_map(state, path, **arguments)
+
+
+def test_nobody_waits_for_the_map_but_the_end(tmp_path, monkeypatch) -> None:
+    slow, growth = SlowMap(monkeypatch), make_growth(settings(), tmp_path)
+    for seed in range(2):
+        growth.extend(make_walk(settings(), seed=seed, start=32 * seed))
+        growth.write(tmp_path)
+        assert not (tmp_path / "map.zip").exists()
+    assert len(slow.states) == 1
+    slow.may_go.set()
+    growth.finish(tmp_path)
+    # The first writing missed the second batch.
+    assert len(slow.states) == 2
+    state, _ = load_map(tmp_path / "map.zip")
+    assert len(state["origins"]) == growth.map.num_waypoints
+    assert len(np.load(tmp_path / "map_poses.npy")) == growth.map.num_waypoints
+    assert len(growth.rows) == 2
+
+
+def test_a_map_that_cannot_be_written_is_said(tmp_path, monkeypatch) -> None:
+    def fail(*args, **kwargs) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    growth = make_growth(settings(), tmp_path)
+    growth.extend(make_walk(settings()))
+    monkeypatch.setattr("toponav.training.map_growth.save_map", fail)
+    growth.write(tmp_path)
+    with pytest.raises(OSError, match="No space"):
+        growth.finish(tmp_path)
+
+
+def test_a_checkpoint_holds_no_views_and_the_next_run_has_them(tmp_path) -> None:
+    growth = make_growth(settings(), tmp_path)
+    growth.extend(make_walk(settings()))
+    state = copy.deepcopy(growth.state_dict())
+    kept = [value for value in state["map"].values() if torch.is_tensor(value)]
+    assert all(value.dtype is not torch.uint8 for value in kept)
+    views = growth.map.waypoints.images
+    growth.extend(make_walk(settings(), seed=1, start=32))
+    resumed = make_growth(settings(), tmp_path)
+    resumed.load_state_dict(state)
+    assert torch.equal(resumed.map.waypoints.images, views)
+    assert len(views) > 10

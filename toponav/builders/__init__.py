@@ -6,11 +6,16 @@ from toponav.builders.collection import (
     collect_frames as collect_frames,
     collect_held_out as collect_held_out,
     collect_rollout as collect_rollout,
+    collect_walks as collect_walks,
     frames_that_fit as frames_that_fit,
     make_frame_buffer as make_frame_buffer,
     make_walk_policy as make_walk_policy,
 )
-from toponav.builders.maps import make_map as make_map, threshold_of as threshold_of
+from toponav.builders.maps import (
+    make_map as make_map,
+    map_thresholds as map_thresholds,
+    threshold_of as threshold_of,
+)
 from toponav.builders.mazes import (
     engine_world as engine_world,
     make_env as make_env,
@@ -28,12 +33,14 @@ from toponav.builders.navigation import (
 )
 from toponav.builders.networks import (
     NETWORKS_FILE as NETWORKS_FILE,
+    PACKAGE_NETWORKS as PACKAGE_NETWORKS,
     Networks as Networks,
     Novelty as Novelty,
     for_inference as for_inference,
     load_networks as load_networks,
     make_empty_novelty as make_empty_novelty,
     make_networks as make_networks,
+    networks_path as networks_path,
     require_same_model as require_same_model,
     save_networks as save_networks,
     start_networks as start_networks,
@@ -41,6 +48,8 @@ from toponav.builders.networks import (
 from toponav.builders.pretraining import (
     prepare_networks as prepare_networks,
     pretraining_decisions as pretraining_decisions,
+    pretraining_folder as pretraining_folder,
+    settings_key as settings_key,
 )
 from toponav.builders.processes import (
     CollectionError as CollectionError,
@@ -49,6 +58,7 @@ from toponav.builders.processes import (
     make_autocast as make_autocast,
     make_device as make_device,
     one_thread as one_thread,
+    prepare_process as prepare_process,
     running_episodes as running_episodes,
     seed_of as seed_of,
     start_collector as start_collector,

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from toponav.builders.processes import (
     collect_batches,
-    keep_freed_memory,
+    prepare_process,
     start_collector,
     stop_collector,
 )
@@ -43,8 +43,7 @@ _FIRST_HELD_OUT_SEED = 900
 def make_walk_env(world: World, *, envs: int, seed: int, halve: bool) -> EnvBase:
     """A batch of E environments for a collecting process."""
     # One process, one core: threads of torch would compete for it.
-    torch.set_num_threads(1)
-    keep_freed_memory()
+    prepare_process(threads=1)
     return add_walk_transforms(world.make_env(batch_size=envs, seed=seed), halve=halve)
 
 
@@ -190,23 +189,41 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
     measurements of different runs compare.
     """
     episodes, decisions = config.validate.episodes, config.validate.decisions
-    total, found = episodes * decisions, []
+    found = []
     for number, world in enumerate(worlds):
         seed = _SEEDS_PER_RUN * config.seed + _FIRST_HELD_OUT_SEED + number
-        env = world.make_env(
-            batch_size=episodes,
+        frames = collect_walks(
+            world,
+            episodes,
+            decisions,
             seed=seed,
+            halve=config.model.halve,
             privileged=world.spec.has_truth,
-            episode_length=decisions,
         )
-        env = add_walk_transforms(env, halve=config.model.halve)
-        policy = make_walk_policy("uniform", world.spec, seed=seed)
-        # One draw that is not played: held-out episodes are the same in all versions.
-        policy(TensorDict(batch_size=[episodes]))
-        name = f"held out {world.name}"
-        with closing(env), tqdm(total=total, unit="decision", desc=name) as bar:
-            rollout = collect_rollout(
-                env, policy, decisions, keep=HELD_OUT_KEYS, progress=bar.update
-            )
-        found.append(HeldOut(rollout.frames, name=world.name))
+        found.append(HeldOut(frames, name=world.name))
     return found
+
+
+def collect_walks(
+    world: World,
+    episodes: int,
+    decisions: int,
+    *,
+    seed: int,
+    halve: bool,
+    privileged: bool = False,
+) -> TensorDictBase:
+    """Episodes ``[E, T]`` of uniform actions, by this process; the seed decides all."""
+    env = world.make_env(
+        batch_size=episodes, seed=seed, privileged=privileged, episode_length=decisions
+    )
+    env = add_walk_transforms(env, halve=halve)
+    policy = make_walk_policy("uniform", world.spec, seed=seed)
+    # One draw that is not played: held-out episodes are the same in all versions.
+    policy(TensorDict(batch_size=[episodes]))
+    total, name = episodes * decisions, f"held out {world.name}"
+    with closing(env), tqdm(total=total, unit="decision", desc=name) as bar:
+        rollout = collect_rollout(
+            env, policy, decisions, keep=HELD_OUT_KEYS, progress=bar.update
+        )
+    return rollout.frames

@@ -6,7 +6,7 @@ from dataclasses import fields
 from torch import Tensor
 
 from toponav.config import MapConfig, require
-from toponav.graph import MapRules, TopologicalMap
+from toponav.graph import MapRules, TopologicalMap, Views
 from toponav.modules import TCNetwork
 from toponav.worlds import WorldSpec
 
@@ -17,11 +17,25 @@ def make_map(
     thresholds: Mapping[str, float],
     *,
     world: WorldSpec,
+    views: Views | None = None,
 ) -> TopologicalMap:
     """An empty map of a world; ``tc`` embeds and compares, in ``eval()`` mode.
 
+    ``views`` say where the waypoints' views are kept, in memory by default.
     Raises `SettingsError` if a threshold was not calibrated or does not fit the other.
     """
+    threshold, reach = map_thresholds(config, thresholds)
+    names = {field.name for field in fields(MapRules)}
+    settings = {name: value for name, value in vars(config).items() if name in names}
+    settings |= {"tc_threshold": threshold, "tc_reach": reach}
+    rules = MapRules(**settings)
+    return empty_map(tc, rules, goal_reward=world.goal_reward, views=views)
+
+
+def map_thresholds(
+    config: MapConfig, thresholds: Mapping[str, float]
+) -> tuple[float, float]:
+    """``tc_threshold`` and ``tc_reach`` of a map; raises as `make_map`."""
     threshold, reach = (
         threshold_of(f"map.{name}", getattr(config, name), {"auto": name}, thresholds)
         for name in ("tc_threshold", "tc_reach")
@@ -30,10 +44,7 @@ def make_map(
         reach = min(reach, threshold)
     rule = f"map.tc_reach must be at most map.tc_threshold = {threshold:g}"
     require(reach <= threshold, rule, f"{reach:g}")
-    names = {field.name for field in fields(MapRules)}
-    settings = {name: value for name, value in vars(config).items() if name in names}
-    settings |= {"tc_threshold": threshold, "tc_reach": reach}
-    return empty_map(tc, MapRules(**settings), goal_reward=world.goal_reward)
+    return threshold, reach
 
 
 def threshold_of(
@@ -59,7 +70,11 @@ def threshold_of(
 
 
 def empty_map(
-    tc: TCNetwork, rules: MapRules, *, goal_reward: float | None = None
+    tc: TCNetwork,
+    rules: MapRules,
+    *,
+    goal_reward: float | None = None,
+    views: Views | None = None,
 ) -> TopologicalMap:
     """A map by a TC-network on any device and in any precision."""
 
@@ -76,5 +91,10 @@ def empty_map(
         return tc.prepare_memory(to_network(memory)).float().cpu()
 
     return TopologicalMap(
-        embed, compare, rules, prepare=prepare, goal_reward=goal_reward
+        embed,
+        compare,
+        rules,
+        prepare=prepare,
+        goal_reward=goal_reward,
+        views=views,
     )

@@ -1,5 +1,6 @@
 """The TC-network and the L-network: built, saved, loaded and published."""
 
+import copy
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -7,8 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from toponav.builders.processes import has_fast_bf16
-from toponav.config import ModelConfig, refusing, require
-from toponav.envs import DEFAULT_ENGINE, load_engine
+from toponav.config import ModelConfig, SettingsError, refusing, require
+from toponav.envs import DEFAULT_ENGINE, load_engine, unknown_name
 from toponav.modules import (
     ConcatComparator,
     DifferenceComparator,
@@ -24,6 +25,9 @@ from toponav.worlds import WorldSpec
 #: The file in a run folder that holds the networks.
 NETWORKS_FILE = "networks.pt"
 _HEADER = {"kind": "toponav networks", "version": 1}
+#: Networks that come with the package: ``package:maze3`` names ``maze3.pt``.
+PACKAGE_NETWORKS = Path(__file__).with_name("package_networks")
+_PACKAGE = "package:"
 
 
 @dataclass
@@ -35,8 +39,8 @@ class Networks:
     model: ModelConfig
     view_size: tuple[int, int]  # height and width
     num_actions: int
-    #: Calibrated on random walks: ``tc_threshold`` and ``tc_reach`` of the map,
-    #: ``reward_threshold`` of the reward's memory; empty until then.
+    #: Calibrated on random walks, by these weights: ``tc_threshold``, ``tc_reach`` of
+    #: the map, ``reward_threshold`` of the reward's memory; empty until then.
     thresholds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -117,17 +121,41 @@ def start_networks(
     )
 
 
-def save_networks(networks: Networks, path: Path) -> None:
-    """Write networks and thresholds into one file, atomically."""
+def save_networks(networks: Networks, path: Path, *, half: bool = False) -> None:
+    """Write networks and thresholds into one file, atomically.
+
+    ``half`` rounds the weights to float16, for half the size.
+    """
+    modules = networks.modules
+    if half:
+        modules = copy.deepcopy(modules).half()
     state: dict[str, object] = {
         **_HEADER,
         "model": asdict(networks.model),
         "view_size": list(networks.view_size),
         "num_actions": networks.num_actions,
-        "weights": networks.modules.state_dict(),
+        "weights": modules.state_dict(),
         "thresholds": dict(networks.thresholds),
     }
     save_atomically(state, path)
+
+
+def networks_path(name: Path | str, setting: str = "networks") -> Path:
+    """The path of a file or of the run folder that holds it, or of ``package:<maze>``.
+
+    Raises:
+        SettingsError: if the package has no networks of that name.
+
+    Examples:
+        >>> networks_path("package:maze3").name
+        'maze3.pt'
+    """
+    if not str(name).startswith(_PACKAGE):
+        return Path(name)
+    choices = {_PACKAGE + path.stem: path for path in PACKAGE_NETWORKS.glob("*.pt")}
+    if name not in choices:
+        raise SettingsError(str(unknown_name(setting, str(name), choices)))
+    return choices[str(name)]
 
 
 def load_networks(
@@ -140,13 +168,13 @@ def load_networks(
 ) -> Networks:
     """Read networks that `save_networks` wrote, in ``eval()`` mode.
 
-    ``path`` is the file or the run folder that holds it, ``setting`` what named it. If
-    ``model`` or ``world`` is given, the networks must be of and for that.
+    ``path`` is what `networks_path` takes, ``setting`` what named it. If ``model`` or
+    ``world`` is given, the networks must be of and for that.
 
     Raises:
         SettingsError: if the file is not usable, or is of another model or world.
     """
-    path = Path(path)
+    path = networks_path(path, setting)
     file = path / NETWORKS_FILE if path.is_dir() else path
     with reading_checkpoint(file, setting, _HEADER, "networks", device=device) as state:
         # Earlier versions knew one engine alone, and did not write its numbers.
@@ -187,8 +215,8 @@ def require_same_model(given: ModelConfig, wanted: ModelConfig, setting: str) ->
 class Novelty(nn.Module):
     """A TC-network and the similarity at which a view counts as known.
 
-    They travel together. Networks that continue training, which are shared and not
-    copied, keep the threshold that was calibrated before exploring.
+    They travel together. Networks that continue training are shared and not copied;
+    a calibrated threshold is calibrated again for each version of them.
     """
 
     threshold: Tensor

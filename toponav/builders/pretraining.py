@@ -23,6 +23,7 @@ from toponav.builders.networks import (
     NETWORKS_FILE,
     Networks,
     load_networks,
+    networks_path,
     save_networks,
 )
 from toponav.builders.protocols import World
@@ -100,7 +101,8 @@ def pretraining_decisions(config: ExploreConfig) -> float:
     decisions, seen = 0.0, set[str]()
     while at is not None and at not in seen:
         seen.add(at)
-        folder = Path(at) if Path(at).is_dir() else Path(at).parent
+        path = networks_path(at)
+        folder = path if path.is_dir() else path.parent
         file = folder / "config" / "config.yaml"
         if not file.is_file():
             return math.nan
@@ -127,11 +129,21 @@ def pretraining_folder(config: ExploreConfig) -> Path:
     if maze.name == "file" and config.world.name == "maze":
         # A file may change under the same path.
         content.append(make_layout(maze).text)
-    key = hashlib.sha256(json.dumps(content).encode()).hexdigest()[:8]
+    key = settings_key(content)
     label = config.world.label
     if config.world.name == "maze":
         label = maze_label(maze.name, maze.path)
     return Path(config.pretraining.folder) / f"{label}-{config.pretraining.scale}-{key}"
+
+
+def settings_key(content: object) -> str:
+    """A short word for plain values, another one for others.
+
+    Examples:
+        >>> settings_key(["seed=0"]) == settings_key(["seed=1"])
+        False
+    """
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:8]
 
 
 def pretraining_maze(config: ExploreConfig) -> MazeConfig:

@@ -68,6 +68,17 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
+def prepare_process(*, threads: int | None, seed: int | None = None) -> None:
+    """Set how a process computes: threads (as many as cores for ``None``) and memory.
+
+    With a ``seed`` torch's generator is seeded.
+    """
+    torch.set_num_threads(threads or torch.get_num_threads())
+    keep_freed_memory()
+    if seed is not None:
+        torch.manual_seed(seed)
+
+
 def keep_freed_memory() -> bool:
     """Let this process keep memory that it has freed, instead of returning it at once.
 

@@ -71,6 +71,8 @@ class Consumer:
     saved: Sequence[str] = ()
     #: Names of those that are of running episodes, if they are plain values.
     running: Sequence[str] = ()
+    #: Whether its `finish` changes nothing that explorers use, and can be interrupted.
+    finishes_beside = False
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Learn from or remember a batch ``[E, T]``; returns measurements to log."""
@@ -88,6 +90,9 @@ class Consumer:
 
     def finish(self, folder: Path) -> None:
         """Called once when no more batches come."""
+
+    def interrupt(self) -> None:
+        """End a `finish` that runs in another thread; nothing needs its result."""
 
     def state_dict(self) -> dict[str, Any]:
         """What another one needs to continue: the states or values of `saved`."""
@@ -200,6 +205,9 @@ class RewardMethod(Consumer):
     def modules(self) -> dict[str, nn.Module]:
         """What else collecting processes need, by the name it is published under."""
         return {}
+
+    def recalibrate(self, thresholds: Mapping[str, float]) -> None:
+        """Called when the networks that continue training have new thresholds."""
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         """The transforms that write the reward, for one batch of environments."""

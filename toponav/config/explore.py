@@ -102,6 +102,7 @@ class MapConfig(Settings):
     nearby: int | None = at_least(1)
     shortlist: int | None = at_least(1)
     untraversed_edge_cost: float = at_least(1)
+    capacity: int | None = at_least(1)
     sparsify: float | None = between(0, 1)
 
 
@@ -135,6 +136,8 @@ class EvaluateConfig(Settings):
     group = "evaluate"
     episodes: int = at_least(1)
     random_episodes: int = at_least(1)
+    random_seed: int = a_seed()
+    random_folder: str = MISSING
 
 
 @dataclass

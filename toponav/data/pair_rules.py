@@ -235,15 +235,16 @@ def draw_near(
     least: int = 1,
 ) -> Tensor:
     """Places ``[num, 2]``, evenly ``least``..k decisions apart, the earlier first."""
-    distance = least + draw_below(torch.full((num,), k + 1 - least), generator)
+    number = draw_below(torch.full((num,), k + 1 - least), generator)
+    distances = torch.arange(least, k + 1)
     # A run of length L has L - j frames that have a partner j decisions later.
-    room = (episodes.length.unsqueeze(-1) - distance).clamp(min=0)
+    room = (episodes.length.unsqueeze(-1) - distances).clamp(min=0)
     before = room.cumsum(0)
-    target = draw_below(before[-1], generator)
-    run = (before <= target).sum(0)
-    offset = target - (before - room)[run, torch.arange(num)]
+    target = draw_below(before[-1, number], generator)
+    run = (before[:, number] <= target).sum(0)
+    offset = target - (before - room)[run, number]
     anchor = episodes.start[run] + offset
-    return torch.stack([anchor, anchor + distance], dim=-1)
+    return torch.stack([anchor, anchor + distances[number]], dim=-1)
 
 
 def draw_below(limit: Tensor, generator: torch.Generator | None) -> Tensor:

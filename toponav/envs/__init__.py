@@ -24,6 +24,7 @@ from toponav.envs.mazes import (
     MAZES as MAZES,
     load_maze as load_maze,
     make_random_layout as make_random_layout,
+    unknown_name as unknown_name,
 )
 from toponav.envs.pixel_world import make_pixel_env as make_pixel_env
 from toponav.envs.scene import SceneRules as SceneRules, draw_scene as draw_scene

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from tensordict import TensorDictBase
-from torchrl.data import Binary, Bounded, Categorical, Composite, TensorSpec, Unbounded
+from torchrl.data import Binary, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.envs import EnvBase
 
 from toponav.worlds import WorldSpec
@@ -19,7 +19,9 @@ def set_world(
     env.world = world
     view = (*shape, *world.view_size, 3)
     env.observation_spec = Composite(
-        pixels=Bounded(0, 255, view, dtype=torch.uint8, device=device),
+        # All values of a byte: TorchRL copies and compares the limits of a bounded
+        # spec, pixel by pixel, whenever it looks at one.
+        pixels=Unbounded(view, device=device, dtype=torch.uint8),
         **(observations or {}),
         shape=shape,
         device=device,

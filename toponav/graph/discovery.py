@@ -241,7 +241,11 @@ class Discovery:
     def _add_waypoint(
         self, track: Track, candidates: Tensor, similarity: Tensor
     ) -> None:
-        at = track.cursor
+        at, capacity = track.cursor, self.rules.capacity
+        if capacity is not None and len(self.waypoints) >= capacity:
+            track.recent, track.cursor = [], at + 1
+            track.places.append(-1)
+            return
         if self._extends(track):
             # Eq. 12: the observation before says what the new waypoint reaches.
             candidates, similarity = candidates[:0], similarity[:0]

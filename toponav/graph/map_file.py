@@ -10,7 +10,8 @@ import json
 import math
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
+
+from toponav.graph.views import encode_view
 
 _FORMAT, _VERSION = "toponav map", 2
 _NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
@@ -39,20 +42,29 @@ def save_map(
     path: Path | str,
     *,
     about: Mapping[str, str] | None = None,
+    views: Iterable[Tensor | bytes] | None = None,
 ) -> None:
-    """Write a `TopologicalMap.state_dict` and words ``about`` it, atomically."""
+    """Write a `TopologicalMap.state_dict` and words ``about`` it, atomically.
+
+    ``views`` are the waypoints', if the state is without: as they are, or as PNG.
+    """
     path = Path(path)
-    fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    if views is None:
+        views = state["images"]
+    pictures = iter(views)
+    first = list(islice(pictures, 1))
+    fresh = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         with fresh.open("wb") as file:
             with zipfile.ZipFile(file, "w") as archive:
-                _write(archive, "graph.json", _graph(state, about or {}))
+                _write(archive, "graph.json", _graph(state, about or {}, first))
                 for name in _ARRAYS:
                     buffer = io.BytesIO()
                     np.save(buffer, np.asarray(state[name]), allow_pickle=False)
                     _write(archive, f"{name}.npy", buffer.getvalue())
-                for number, view in enumerate(state["images"]):
-                    _write(archive, _view_name(number), _encode_view(view))
+                for number, view in enumerate(chain(first, pictures)):
+                    data = view if isinstance(view, bytes) else encode_view(view)
+                    _write(archive, _view_name(number), data)
             file.flush()
             os.fsync(file.fileno())
         fresh.replace(path)
@@ -80,7 +92,9 @@ def load_map(path: Path | str) -> tuple[dict[str, Any], dict[str, str]]:
         ) from bad
 
 
-def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
+def _graph(
+    state: Mapping[str, Any], about: Mapping[str, str], views: Collection[object]
+) -> bytes:
     counts = torch.cat([state["edges"], state["traversals"]], 1).tolist()
     rows = zip(counts, state["edge_similarity"].tolist(), strict=True)
     edges = [(*row, None if math.isnan(value) else value) for row, value in rows]
@@ -91,7 +105,7 @@ def _graph(state: Mapping[str, Any], about: Mapping[str, str]) -> bytes:
         "multigraph": False,
         "graph": {
             **{name: state[name] for name in _NUMBERS},
-            "views": len(state["images"]) > 0,
+            "views": len(views) > 0,
             "about": dict(about),
         },
         "nodes": [
@@ -179,13 +193,3 @@ def _write(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
     # A PNG is compressed already.
     kind = zipfile.ZIP_STORED if name.endswith(".png") else zipfile.ZIP_DEFLATED
     archive.writestr(zipfile.ZipInfo(name, _DATE), data, kind)
-
-
-def _encode_view(view: Tensor) -> bytes:
-    if view.dtype is not torch.uint8 or view.ndim != 3 or view.shape[-1] != 3:
-        raise ValueError(
-            f"views must be uint8 [H, W, 3], got {view.dtype} {list(view.shape)}"
-        )
-    buffer = io.BytesIO()
-    Image.fromarray(np.asarray(view)).save(buffer, "PNG", compress_level=1)
-    return buffer.getvalue()

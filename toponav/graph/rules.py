@@ -47,6 +47,9 @@ class MapRules:
     shortlist: int | None = 32
     #: Of an edge in a direction in which it was never traversed; else the cost is 1.
     untraversed_edge_cost: float = 3.0
+    #: Most waypoints; ``None`` for no limit. What is like none of a full map's is
+    #: nowhere.
+    capacity: int | None = None
 
     def __post_init__(self) -> None:
         _check_range(self, 0, "tc_threshold", "surroundings_above", below=1)
@@ -58,7 +61,7 @@ class MapRules:
         _check_choices(self, edges=Edges, extend_by=ExtendBy)
         _check_range(self, 0, "window", "search_window", "surroundings")
         _check_range(self, 1, "edge_steps", "nearby", "shortlist")
-        _check_range(self, 1, "untraversed_edge_cost")
+        _check_range(self, 1, "untraversed_edge_cost", "capacity")
 
     @property
     def lookahead(self) -> int:

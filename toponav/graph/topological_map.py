@@ -11,6 +11,7 @@ from torch import Tensor
 from toponav.graph.discovery import Discovery
 from toponav.graph.pieces import MapKeys, Piece, cut_pieces, read_embeddings
 from toponav.graph.rules import MapRules
+from toponav.graph.views import Views
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Compare, Embed, Waypoints
 
@@ -47,6 +48,8 @@ class TopologicalMap:
         prepare: embeddings ``[N, M, D]`` to memory ``[N, M, P]``; ``None`` keeps them.
         goal_reward: a task reward of at least this much means that the agent was put
             elsewhere, so that no edge joins before and after; ``None`` if it never is.
+        views: where the waypoints' views are kept, such as a `ViewFile`; by default in
+            memory.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -69,12 +72,13 @@ class TopologicalMap:
         *,
         prepare: Embed | None = None,
         goal_reward: float | None = None,
+        views: Views | None = None,
     ) -> None:
         self.keys = MapKeys()
         self.goal_reward = goal_reward
         #: The version of the networks that made the embeddings.
         self.network_version = 0
-        self.waypoints = Waypoints(embed, compare, prepare)
+        self.waypoints = Waypoints(embed, compare, prepare, views)
         self.graph = WaypointGraph(untraversed_edge_cost=rules.untraversed_edge_cost)
         #: It has the episodes that are not finished, too.
         self.discovery = Discovery(self.waypoints, self.graph, rules)
@@ -112,7 +116,10 @@ class TopologicalMap:
         return self.graph.edge_cost
 
     def add_episode(self, data: TensorDictBase) -> Tensor:
-        """Add a complete episode ``[T >= 1]``; the waypoints of its observations."""
+        """Add a complete episode ``[T >= 1]``; the waypoints of its observations.
+
+        Those that a full map has no waypoint for have -1.
+        """
         if data.batch_dims != 1 or not len(data):
             raise ValueError(f"an episode must be [T >= 1], got {list(data.shape)}")
         pieces = self._read(data.unsqueeze(0), whole=True)
@@ -171,10 +178,14 @@ class TopologicalMap:
         self.discovery.renumber(number)
         return number
 
-    def state_dict(self) -> dict[str, Any]:
-        """Everything but the networks and the episodes that are not finished."""
+    def state_dict(self, *, views: bool = True) -> dict[str, Any]:
+        """Everything but the networks and the episodes that are not finished.
+
+        ``views`` may be left out; those in a file are there alone, in any case.
+        """
+        waypoints = self.waypoints
         return {
-            **self.waypoints.state_dict(),
+            **(waypoints.state_dict() if views else waypoints.arrays()),
             **self.graph.state_dict(),
             "network_version": self.network_version,
             "tc_threshold": self.rules.tc_threshold,

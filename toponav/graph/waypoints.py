@@ -1,9 +1,12 @@
 """`Waypoints`: the views of a map, embedded, and how similar others are to them."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from torch import Tensor
+
+from toponav.graph.views import Views, ViewsInMemory
 
 Embed = Callable[[Tensor], Tensor]
 Compare = Callable[[Tensor, Tensor], Tensor]
@@ -25,7 +28,11 @@ class Waypoints:
     """
 
     def __init__(
-        self, embed: Embed, compare: Compare, prepare: Embed | None = None
+        self,
+        embed: Embed,
+        compare: Compare,
+        prepare: Embed | None = None,
+        views: Views | None = None,
     ) -> None:
         self._embed = embed
         self._compare = compare
@@ -36,7 +43,7 @@ class Waypoints:
         self.prepared = torch.empty(0)
         #: int64 ``[W, 2]``: environment, and number of its observations before.
         self.origins = torch.empty(0, 2, dtype=torch.int64)
-        self._images: list[Tensor] = []
+        self.views: Views = ViewsInMemory() if views is None else views
 
     def __len__(self) -> int:
         return len(self.origins)
@@ -44,12 +51,12 @@ class Waypoints:
     @property
     def images(self) -> Tensor:
         """The views, uint8 ``[W, H, W, C]``; empty if none were given."""
-        return torch.stack(self._images) if self._images else torch.empty(0)
+        return self.views.read(0, len(self.views))
 
     def add(self, embedding: Tensor, image: Tensor | None, origin: Tensor) -> int:
         """Add a waypoint of embedding ``[D]`` and, for all or for none, a view."""
         number = len(self)
-        if number and (image is None) != (not self._images):
+        if number and (image is None) != (not len(self.views)):
             got = "without" if image is None else "with"
             raise ValueError(f"all waypoints must have views or none, got one {got}")
         row = embedding.unsqueeze(0).float()
@@ -57,26 +64,29 @@ class Waypoints:
         self.prepared = torch.cat([self.prepared, self.entries(row)])
         self.origins = torch.cat([self.origins, origin.unsqueeze(0)])
         if image is not None:
-            self._images.append(image.clone())
+            self.views.append(image)
         return number
 
     def keep(self, kept: Tensor) -> None:
         """Remove all waypoints but those with numbers ``kept``, int64 ``[W']``."""
         self.embeddings, self.prepared = self.embeddings[kept], self.prepared[kept]
         self.origins = self.origins[kept]
-        if self._images:
-            self._images = [self._images[one] for one in kept.tolist()]
+        if len(self.views):
+            self.views.keep(kept.tolist())
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """Copies of what is kept of each waypoint."""
-        kept = {name: getattr(self, name).clone() for name in _ARRAYS}
-        return {**kept, "images": self.images}
+    def arrays(self) -> dict[str, Tensor]:
+        """Copies of what is kept of each waypoint, beside its view."""
+        return {name: getattr(self, name).clone() for name in _ARRAYS}
 
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+    def state_dict(self) -> dict[str, Any]:
+        """Copies of what is kept of each waypoint; of views in a file, their places."""
+        return self.arrays() | self.views.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Replace all waypoints by those of a `state_dict`."""
         for name in _ARRAYS:
             setattr(self, name, state[name].clone())
-        self._images = list(state["images"].clone())
+        self.views.load_state_dict(state)
 
     @torch.no_grad()
     def embed(self, views: Tensor) -> Tensor:
@@ -90,9 +100,11 @@ class Waypoints:
         """Embed all views again, after the networks' weights changed."""
         if not len(self):
             return
-        if not self._images:
+        if not len(self.views):
             raise ValueError("views must have been given to refresh a map, got none")
-        self.embeddings = self.embed(self.images)
+        starts = range(0, len(self), _VIEWS)
+        parts = [self.embed(self.views.read(at, at + _VIEWS)) for at in starts]
+        self.embeddings = torch.cat(parts)
         self.prepared = self.entries(self.embeddings)
 
     @torch.no_grad()

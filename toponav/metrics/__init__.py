@@ -13,6 +13,7 @@ from toponav.metrics.l_report import (
     useful_actions as useful_actions,
 )
 from toponav.metrics.map_quality import (
+    FALSE_EDGE_CELLS as FALSE_EDGE_CELLS,
     covered_cells as covered_cells,
     edge_lengths as edge_lengths,
     map_parts as map_parts,
@@ -42,6 +43,7 @@ from toponav.metrics.statistics import (
     correlation as correlation,
     csv_table as csv_table,
     decisions_to_reach as decisions_to_reach,
+    drop_unknown as drop_unknown,
     markdown_table as markdown_table,
     running_mean as running_mean,
     summarize_scores as summarize_scores,

@@ -1,6 +1,8 @@
 """How good a topological map is, by ground truth that the map itself never sees."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -39,13 +41,17 @@ class MapQuality:
     mean_stretch: float  # its mean, in which paths over false edges weigh more
 
 
+#: Edges longer than this on foot are false, in cells.
+FALSE_EDGE_CELLS = 3.0
+
+
 def map_quality(
     distances: GroundTruthDistances,
     poses: Tensor,
     edges: Tensor,
     edge_cost: Tensor,
     *,
-    far_cells: float = 3.0,
+    far_cells: float = FALSE_EDGE_CELLS,
     hops: int = 3,
     seed: int = 0,
 ) -> MapQuality:
@@ -72,10 +78,16 @@ def map_quality(
     graph = rustworkx.PyGraph(multigraph=False)
     graph.add_nodes_from(range(len(poses)))
     graph.add_edges_from([*zip(*edges.T.tolist(), edge_cost.tolist(), strict=True)])
-    far = edge_lengths(distances, poses, edges) > far_cells * distances.cell_size
+    lengths = edge_lengths(distances, poses, edges)
+    far = lengths > far_cells * distances.cell_size
     generator = torch.Generator().manual_seed(seed)
     drawn = torch.randperm(len(poses), generator=generator)[:_SAMPLES]
-    paths = _planned_paths(distances, poses, graph, drawn.tolist(), generator)
+    goals = _draw_goals(drawn, len(poses), generator)
+    shortest = edge_lengths(distances, poses, goals)
+    # A detour of a step would weigh too much on a path of two.
+    far_enough = shortest >= 2 * distances.cell_size
+    ends = dict(zip(map(frozenset, edges.tolist()), lengths.tolist(), strict=True))
+    paths = _planned_paths(graph, goals[far_enough], shortest[far_enough], ends)
     stretches, farthest = paths.unbind(1)
     leads_wrong = farthest > far_cells * distances.cell_size
     return MapQuality(
@@ -141,26 +153,31 @@ def _missing_edges(
     return float(np.isinf(away[row, other]).mean())
 
 
-def _planned_paths(
-    distances: GroundTruthDistances,
-    poses: Tensor,
-    graph: rustworkx.PyGraph,
-    drawn: list[int],
-    generator: torch.Generator,
+def _draw_goals(
+    drawn: Tensor, num_waypoints: int, generator: torch.Generator
 ) -> Tensor:
-    """Stretch and longest edge of paths between random waypoints, ``[P, 2]``."""
+    """Another waypoint for each that was drawn, int64 ``[P, 2]`` with both."""
+    if num_waypoints < 2:
+        return torch.empty(0, 2, dtype=torch.int64)
+    further = [torch.randint(1, num_waypoints, (), generator=generator) for _ in drawn]
+    return torch.stack([drawn, (drawn + torch.stack(further)) % num_waypoints], 1)
+
+
+def _planned_paths(
+    graph: rustworkx.PyGraph,
+    goals: Tensor,
+    shortest: Tensor,
+    lengths: Mapping[frozenset[int], float],
+) -> Tensor:
+    """Stretch and longest edge of those paths that there are, ``[P, 2]``.
+
+    ``shortest`` are the ways on foot ``[P]``, ``lengths`` those of the edges.
+    """
     found: list[tuple[float, float]] = []
-    for one in drawn if len(poses) > 1 else ():
-        further = int(torch.randint(1, len(poses), (), generator=generator))
-        goal = (one + further) % len(poses)
-        shortest = float(edge_lengths(distances, poses, torch.tensor([[one, goal]])))
-        # A detour of a step would weigh too much on a path of two.
-        if shortest < 2 * distances.cell_size:
-            continue
+    for (one, goal), on_foot in zip(goals.tolist(), shortest.tolist(), strict=True):
         paths = rustworkx.dijkstra_shortest_paths(graph, one, goal, weight_fn=float)
         if goal not in paths.keys():  # noqa: SIM118
             continue
-        path = torch.tensor(list(paths[goal]))
-        lengths = edge_lengths(distances, poses, path.unfold(0, 2, 1))
-        found.append((float(lengths.sum()) / shortest, float(lengths.max())))
+        steps = [lengths[frozenset(step)] for step in pairwise(paths[goal])]
+        found.append((sum(steps) / on_foot, max(steps)))
     return torch.tensor(found).reshape(-1, 2)

@@ -143,6 +143,20 @@ class Scores:
         return sorted(zip(means, self.draws, strict=True), reverse=True)[:5]
 
 
+def drop_unknown(groups: Sequence[Scores], left_out: list[str]) -> list[Scores]:
+    """The groups whose values are all numbers; a sentence on others in ``left_out``."""
+    known = []
+    for one in groups:
+        if np.isfinite(one.values).all():
+            known.append(one)
+            continue
+        given = ", ".join(f"{name}={value}" for name, value in one.settings.items())
+        of = f"{one.subject} ({given})" if given else one.subject
+        sentence = "some of its values are missing or no finite numbers"
+        left_out.append(f"{one.measure} of {of} is left out: {sentence}")
+    return known
+
+
 def summarize_scores(
     groups: Sequence[Scores], *, subject: str, unit: str = "values", draws: int = 2000
 ) -> pd.DataFrame:

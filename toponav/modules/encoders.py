@@ -1,11 +1,14 @@
 """Image encoders, the policy's trunks, and `check_pixels`."""
 
 import math
+from itertools import zip_longest
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
-from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from toponav.modules.folding import FoldCache, FoldedConvolution
 
 
 def check_pixels(pixels: Tensor, *image_sizes: tuple[int, int]) -> None:
@@ -107,9 +110,7 @@ class SmallEncoder(nn.Module):
             channels, height, width = out, (height + 1) // 2, (width + 1) // 2
         self.convolutions = nn.Sequential(*layers)
         self.project = nn.Linear(channels * height * width, embedding_dim)
-        # The last result of `_folded`, and the versions of the tensors behind it.
-        self._folds: list[nn.Conv2d] = []
-        self._folded_from: list[tuple[int, int]] = []
+        self._folds = FoldCache()
 
     def forward(self, pixels: Tensor) -> Tensor:
         check_pixels(pixels, self.image_size, self.halved_size)
@@ -122,26 +123,19 @@ class SmallEncoder(nn.Module):
         if self.training or torch.is_grad_enabled():
             planes = self.convolutions(planes)
         else:
-            for convolution in self._folded():
-                planes = F.relu_(convolution(planes))
+            for convolution in self._folds.get(self._fold, self.convolutions):
+                planes = convolution(planes)
         # Flattened in memory order (height, width, channels): no copy.
         embedding: Tensor = self.project(planes.permute(0, 2, 3, 1).flatten(1))
         return embedding.reshape(*pixels.shape[:-3], self.embedding_dim)
 
-    def _folded(self) -> list[nn.Conv2d]:
-        """The convolutions with the normalisation after them folded into each."""
-        tensors = [*self.convolutions.parameters(), *self.convolutions.buffers()]
-        # Changing a tensor in place raises its version, exchanging it moves its memory;
-        # another process can change shared tensors unseen.
-        now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
-        if any(tensor.is_shared() for tensor in tensors) or now != self._folded_from:
-            layers = list(self.convolutions)
-            plain = [one for one in layers if isinstance(one, nn.Conv2d)]
-            norms = [one for one in layers if isinstance(one, nn.BatchNorm2d)]
-            folds = [fuse_conv_bn_eval(*two) for two in zip(plain, norms, strict=False)]
-            self._folds = folds or plain
-            self._folded_from = now
-        return self._folds
+    def _fold(self) -> list[FoldedConvolution]:
+        """The convolutions with the normalisation after them."""
+        layers = list(self.convolutions)
+        plain = [one for one in layers if isinstance(one, nn.Conv2d)]
+        norms = [one for one in layers if isinstance(one, nn.BatchNorm2d)]
+        pairs = zip_longest(plain, norms)
+        return [FoldedConvolution(*pair) for pair in pairs]
 
 
 class ResidualBlock(nn.Module):
@@ -161,12 +155,23 @@ class ResidualBlock(nn.Module):
                 nn.Conv2d(in_channels, out_channels, 1, stride=stride, bias=False),
                 nn.BatchNorm2d(out_channels),
             )
+        self._folds = FoldCache()
 
     def forward(self, planes: Tensor) -> Tensor:
+        if not (self.training or torch.is_grad_enabled()):
+            first, second, *shortcut = self._folds.get(self._fold, self)
+            added = shortcut[0](planes, relu=False) if shortcut else planes
+            return second(first(planes), added=added)
         hidden = F.relu(self.norm1(self.conv1(planes)), inplace=True)
         hidden = self.norm2(self.conv2(hidden))
         hidden += self.shortcut(planes)
         return F.relu(hidden, inplace=True)
+
+    def _fold(self) -> list[FoldedConvolution]:
+        pairs: list[Any] = [(self.conv1, self.norm1), (self.conv2, self.norm2)]
+        if isinstance(self.shortcut, nn.Sequential):
+            pairs.append(self.shortcut)
+        return [FoldedConvolution(*pair, pack=True) for pair in pairs]
 
 
 class ResNet18(nn.Module):
@@ -198,6 +203,7 @@ class ResNet18(nn.Module):
         self.project: nn.Module = nn.Identity()
         if embedding_dim != channels:
             self.project = nn.Linear(channels, embedding_dim)
+        self._folds = FoldCache()
         for layer in self.modules():
             if isinstance(layer, nn.Conv2d):
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out")
@@ -207,11 +213,18 @@ class ResNet18(nn.Module):
         check_pixels(pixels, self.image_size)
         dtype = compute_dtype(self.stem.weight)
         planes = pixels_to_planes(pixels.reshape(-1, *pixels.shape[-3:]), dtype)
-        hidden = F.relu(self.stem_norm(self.stem(planes)), inplace=True)
+        if self.training or torch.is_grad_enabled():
+            hidden = F.relu(self.stem_norm(self.stem(planes)), inplace=True)
+        else:
+            (stem,) = self._folds.get(self._fold, self.stem, self.stem_norm)
+            hidden = stem(planes)
         hidden = F.max_pool2d(hidden, 3, stride=2, padding=1)
         hidden = self.blocks(hidden).mean(dim=(2, 3))
         embedding: Tensor = self.project(hidden)
         return embedding.reshape(*pixels.shape[:-3], self.embedding_dim)
+
+    def _fold(self) -> list[FoldedConvolution]:
+        return [FoldedConvolution(self.stem, self.stem_norm, pack=True)]
 
 
 class PixelTrunk(nn.Module):

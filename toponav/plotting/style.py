@@ -1,6 +1,7 @@
 """The style of all figures, and saving them."""
 
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ TITLE, HEADING, TEXT, SMALL = 11.0, 10.0, 8.5, 7.5
 LINE, THIN = 1.8, 1.2
 LEGEND: dict[str, Any] = {"fontsize": SMALL, "title_fontsize": SMALL}
 LEGEND |= {"alignment": "left", "frameon": False}
+_DRAWING = Lock()
 
 
 def new_figure(width: float, height: float, *, title: str = "") -> Figure:
@@ -112,5 +114,6 @@ def show_thousands(axes: Axes) -> None:
 
 def save_figure(figure: Figure, path: Path | str, *, dpi: float = 120) -> None:
     """Write a picture; a killed process leaves the old file or the new one."""
-    with replacing(path) as temporary:
+    # matplotlib is for one thread at a time.
+    with replacing(path) as temporary, _DRAWING:
         figure.savefig(temporary, dpi=dpi)

@@ -1,8 +1,11 @@
 """Tables and pictures of runs."""
 
+from toponav.reports.baselines import (
+    Baselines as Baselines,
+    start_baselines as start_baselines,
+)
 from toponav.reports.exploration_evaluation import (
     evaluate_policies as evaluate_policies,
-    make_baselines as make_baselines,
     summarize_evaluation as summarize_evaluation,
     write_episode_video as write_episode_video,
     write_evaluation as write_evaluation,
@@ -26,8 +29,16 @@ from toponav.reports.pretraining_report import (
     write_measurements as write_measurements,
     write_reports as write_reports,
 )
+from toponav.reports.schedule import (
+    EVALUATE as EVALUATE,
+    EXPLORE as EXPLORE,
+    PRETRAIN as PRETRAIN,
+    Schedule as Schedule,
+    explore_schedule as explore_schedule,
+)
 from toponav.reports.sweep_report import (
     report_exploration as report_exploration,
     report_navigation as report_navigation,
     report_pretraining as report_pretraining,
 )
+from toponav.reports.walk_map import write_walk_map as write_walk_map

@@ -1,6 +1,7 @@
-"""Episodes by which an exploration is judged, with blind baselines beside."""
+"""Episodes by which an exploration is judged."""
 
 import copy
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from toponav import keys
-from toponav.builders import World, for_inference, make_walk_policy, seed_of
+from toponav.builders import World, for_inference, seed_of
 from toponav.config import ExploreConfig
 from toponav.ground_truth import require_motion
 from toponav.metrics import trace_episode
@@ -20,7 +21,6 @@ from toponav.plotting import FloorPlan, explored_frames, write_video
 from toponav.reports.episodes import play_episodes
 from toponav.runs import write_history
 from toponav.training import (
-    BASELINES,
     COVERAGE_LEVELS,
     Explorer,
     Row,
@@ -28,8 +28,12 @@ from toponav.training import (
     mean_of,
 )
 
-# Apart from the seeds of training; decisions from frame to frame of a video.
-_EVALUATION, _EVERY = 77, 6
+#: Policies that see nothing: blind baselines.
+BASELINES = ("random", "sticky")
+#: Sets the seeds of evaluations apart from those of training.
+EVALUATION_SEED = 77
+# Decisions from frame to frame of a video.
+_EVERY = 6
 #: What is kept of each decision where it is there, for tables and pictures.
 _KEPT: list[NestedKey] = [keys.POSITION, keys.HEADING, keys.CELL, keys.COVERAGE]
 _KEPT += [keys.DECISIONS_TO_COVERAGE, keys.IS_NEW_WAYPOINT, keys.SPURIOUS_WAYPOINT]
@@ -42,7 +46,7 @@ class Evaluation:
     policy: str
     episodes: TensorDictBase  # [N, T] decisions: poses, coverage, waypoints, reward
     views: Tensor  # uint8 [T + 1, H, W, 3]; what was seen in the first one
-    reward_key: NestedKey  # of the reward that the explorer learned from
+    reward_key: NestedKey  # of the reward that the explorer learned from, if computed
 
     def mean(self, column: str) -> float:
         """Mean of a column of `rows`."""
@@ -57,17 +61,11 @@ class Evaluation:
             table["coverage"] = coverage.flatten().tolist()
             names = [f"decisions_to_{round(100 * level)}" for level in COVERAGE_LEVELS]
             table[names] = last.get(keys.DECISIONS_TO_COVERAGE).tolist()
-        table["intrinsic_return"] = later.get(self.reward_key).sum(1).flatten().tolist()
+        reward = later.get(self.reward_key, None)
+        returns = math.nan if reward is None else reward.sum(1).flatten().tolist()
+        table["intrinsic_return"] = returns
         rows: list[Row] = table.to_dict("records")
         return rows
-
-
-def make_baselines(world: World, *, seed: int) -> dict[str, TensorDictModuleBase]:
-    """Policies that see nothing: uniform, and one that mostly repeats its action."""
-    return {
-        "random": make_walk_policy("uniform", world.spec, seed=seed),
-        "sticky": make_walk_policy("sticky", world.spec, seed=seed),
-    }
 
 
 def evaluate_policies(
@@ -95,8 +93,8 @@ def evaluate_policies(
         policies,
         wanted,
         length,
-        seed=seed_of(settings.seed, _EVALUATION),
-        action_seed=seed_of(settings.seed, _EVALUATION, 1),
+        seed=seed_of(settings.seed, EVALUATION_SEED),
+        action_seed=seed_of(settings.seed, EVALUATION_SEED, 1),
         keep=_KEPT,
         keep_next=[*_KEPT, reward],
         views=length + 1,

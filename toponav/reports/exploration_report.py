@@ -13,7 +13,9 @@ from toponav.builders import NETWORKS, POLICY, Consumer, World
 from toponav.config import ExploreConfig
 from toponav.metrics import correlation, trace_episode
 from toponav.plotting import draw_exploration, draw_training, save_figure
+from toponav.reports.baselines import Baselines
 from toponav.reports.exploration_evaluation import make_plan
+from toponav.reports.schedule import EXPLORE, Schedule
 from toponav.runs import make_loggers, write_history
 from toponav.training import EpisodeLog, ExplorationState, Row, mean_of
 
@@ -38,6 +40,8 @@ class ExplorationReport:
     state: ExplorationState
     log: EpisodeLog
     consumers: Mapping[str, Consumer]
+    schedule: Schedule
+    baselines: Baselines
 
     def __post_init__(self) -> None:
         self.loggers = make_loggers(self.folder, self.state.decisions)
@@ -49,6 +53,8 @@ class ExplorationReport:
             smoothing=0.05,
         )
         self._drawing = Timer(self.settings.report.pictures_every_s)
+        self._done_before = self.state.progress
+        self.schedule.begin(EXPLORE, rest=1 - self.state.progress)
 
     def update(self, measured: Mapping[str, float], decisions: int) -> None:
         """Count what was measured of a batch; write rows and pictures if it is time."""
@@ -59,9 +65,12 @@ class ExplorationReport:
         is_last = self.state.progress == 1
         last = self.state.history[-1] if self.state.history else _START
         since = self.state.decisions - last["decisions"]
-        if is_last or since >= self.settings.report.every:
+        is_row = is_last or since >= self.settings.report.every
+        if is_row:
             self._write_row(last)
-        if is_last or self._drawing.is_due():
+        # The first pictures come with the first row.
+        is_first = is_row and len(self.state.history) == 1
+        if is_last or is_first or self._drawing.is_due():
             self._draw()
 
     def close(self) -> None:
@@ -97,15 +106,17 @@ class ExplorationReport:
         write_history(self.folder / "metrics.csv", state.history)
         if log.rows:
             write_history(self.folder / "episodes.csv", log.rows)
-        self.bar.set_postfix_str(format_progress(row))
+        done = self._done_before
+        left = self.schedule.left((state.progress - done) / (1 - done))
+        self.bar.set_postfix_str(f"{format_progress(row)}, all done in {left}")
 
     def _draw(self) -> None:
-        tables, levels = (self.log.rows, self.state.history), self.state.baselines
+        tables, levels = (self.log.rows, self.state.history), self.baselines.levels()
         figure = draw_training(*tables, levels=levels, title=self.world.name)
         save_figure(figure, self.folder / "curves.png")
-        last, reward = self.log.last_episode, self.log.sums["intrinsic_return"]
-        if last is not None and self.world.layout is not None:
-            trace = trace_episode(last, reward=reward)
+        shown, reward = self.log.shown_episode, self.log.sums["intrinsic_return"]
+        if shown is not None and self.world.layout is not None:
+            trace = trace_episode(shown, reward=reward)
             figure = draw_exploration(trace, make_plan(self.world))
             save_figure(figure, self.folder / "map.png")
         for consumer in self.consumers.values():

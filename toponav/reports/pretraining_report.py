@@ -1,8 +1,10 @@
 """What a pre-training writes: curves, thresholds, a report against the ground truth."""
 
+import copy
 import json
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -84,9 +86,8 @@ def write_reports(
     """
     networks = validation.networks
     sequences = _embed_sequences(validation)
-    with validation.autocast, one_thread():
-        walks = [graph.WalkWaypoints(one, networks.tc) for one in sequences]
-        calibrations = _calibrate(networks, walks, config)
+    walks = _compare_sequences(validation, sequences)
+    calibrations = _calibrate(networks, walks, config)
     # Ever closer to 1, where the waypoint share is steep, to just above tc_threshold.
     highest = math.log(1 / max(1 - networks.thresholds["tc_threshold"], 1e-6)) + 1
     thresholds = torch.linspace(-3, highest, 10).sigmoid()
@@ -142,6 +143,19 @@ def _embed_sequences(validation: Validation) -> list[Tensor]:
         embeddings = validation.embed(encoder, held_out.pixels[:num])
         sequences += embeddings.split(held_out.length)
     return sequences
+
+
+def _compare_sequences(
+    validation: Validation, sequences: list[Tensor]
+) -> list[graph.WalkWaypoints]:
+    def compare(sequence: Tensor) -> graph.WalkWaypoints:
+        # A thread enters a context of its own.
+        with copy.copy(validation.autocast):
+            return graph.WalkWaypoints(sequence, validation.networks.tc)
+
+    # The products are small: a sequence a core is faster than all cores on each.
+    with ThreadPoolExecutor(torch.get_num_threads()) as pool, one_thread():
+        return list(pool.map(compare, sequences))
 
 
 def _calibrate(

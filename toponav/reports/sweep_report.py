@@ -12,7 +12,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from toponav.metrics import Floats, Scores, decisions_to_reach, running_mean
+from toponav.metrics import (
+    Floats,
+    Scores,
+    decisions_to_reach,
+    drop_unknown,
+    running_mean,
+)
 from toponav.plotting import draw_learning_curves, draw_sweep
 from toponav.runs import (
     BrokenRunError,
@@ -59,13 +65,11 @@ def report_pretraining(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         for maze, percent in table.groupby(level=0, sort=False):
             more = _other_shares(percent.dropna(axis=1, how="all"))
             tc, locomotion = percent[["accuracy", "locomotion_accuracy"]].to_numpy().T
-            draws, l_values = draws_of(members), locomotion[:, None]
-            scores += [
-                Scores(
-                    settings, str(maze), "TC accuracy (%)", tc[:, None], more, draws
-                ),
-                Scores(settings, str(maze), "L accuracy (%)", l_values, {}, draws),
-            ]
+            of, draws = str(maze), draws_of(members)
+            tc, locomotion = tc[:, None], locomotion[:, None]
+            scores.append(Scores(settings, of, "TC accuracy (%)", tc, more, draws))
+            scores.append(Scores(settings, of, "L accuracy (%)", locomotion, {}, draws))
+    scores = drop_unknown(scores, left_out)
     label = "accuracy on held-out episodes (%)"
     figure = draw_scores(scores, names, line="measure", label=label, title=title)
     return SweepReport("measured in", "values", scores, figure, left_out)
@@ -127,8 +131,7 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     scores: list[Scores] = []
     panels: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
     levels: dict[str, dict[str, float]] = {}
-    measure = next(iter(results.values())).measure
-    blind = measure != "coverage"
+    blind = next(iter(results.values())).measure != "coverage"
     label = "intrinsic return" if blind else "coverage (%)"
     of_maze = [name for name in names if blind or name.split(".")[0] == "maze"]
     others = [name for name in names if name not in of_maze]
@@ -264,6 +267,7 @@ def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
                 "SPL (%)": 100 * float(table["spl"].mean()),
             }
             scores.append(Scores(settings, str(policy), "goals", values, more))
+    scores = drop_unknown(scores, left_out)
     label = "goals in an episode"
     figure = draw_scores(scores, names, line="subject", label=label, title=title)
     return SweepReport("policy", "episodes", scores, figure, left_out)

@@ -6,6 +6,7 @@ from toponav.runs.files import (
     Figures as Figures,
     make_loggers as make_loggers,
     reading_checkpoint as reading_checkpoint,
+    remove_halves as remove_halves,
     replacing as replacing,
     save_atomically as save_atomically,
     write_array as write_array,

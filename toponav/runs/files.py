@@ -5,6 +5,7 @@ Checkpoints hold tensors and plain values, and are read without running code.
 
 import math
 import os
+import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -50,6 +51,14 @@ def replacing(path: Path | str) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_halves(folder: Path) -> None:
+    """Remove what `replacing` left in a run folder when its process was killed."""
+    for inside in ("", "config/", "logs/**/"):
+        for path in folder.glob(f"{inside}.*"):
+            if re.fullmatch(r"\..+\.\d+\.\w+", path.name):
+                path.unlink(missing_ok=True)
 
 
 def save_atomically(state: dict[str, object], path: Path) -> None:

@@ -57,10 +57,13 @@ class StopRequest:
         self.requested = 0
 
     def __call__(self, number: int, _frame: FrameType | None) -> None:
-        """Handle a signal: the first one asks, the second one insists."""
-        if self.requested:
+        """Handle a signal: the first one asks, the same once more insists.
+
+        Ctrl-C reaches a run and the run that started it, which then sends SIGTERM.
+        """
+        if self.requested == number:
             sys.exit(128 + number)
-        self.requested = number
+        self.requested = self.requested or number
 
 
 @contextmanager

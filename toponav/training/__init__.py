@@ -1,7 +1,6 @@
 """What learns from collected batches, and where they come from."""
 
 from toponav.training.checkpoints import (
-    BASELINES as BASELINES,
     ExplorationState as ExplorationState,
     restore_exploration as restore_exploration,
     restore_training as restore_training,
@@ -11,6 +10,7 @@ from toponav.training.checkpoints import (
 )
 from toponav.training.consumers import (
     BestPolicy as BestPolicy,
+    finishing as finishing,
     make_consumers as make_consumers,
     make_learner as make_learner,
     needed_keys as needed_keys,
@@ -28,6 +28,7 @@ from toponav.training.episode_log import (
 from toponav.training.explore_collector import (
     COVERAGE_LEVELS as COVERAGE_LEVELS,
     Explorer as Explorer,
+    make_coverage as make_coverage,
     make_explore_collector as make_explore_collector,
     make_explore_env as make_explore_env,
     publish as publish,

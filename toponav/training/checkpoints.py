@@ -11,11 +11,9 @@ from torch import Tensor
 from toponav.builders import Consumer, Networks, require_same_model
 from toponav.config import ExploreCollectConfig, ModelConfig
 from toponav.runs import CHECKPOINT_FILE, reading_checkpoint, save_atomically
-from toponav.training.episode_log import Row, mean_of
+from toponav.training.episode_log import Row
 from toponav.training.pair_trainer import PairTrainer
 
-#: Policies that see nothing: blind baselines.
-BASELINES = ("random", "sticky")
 _EXPLORATION = {"kind": "toponav exploration", "version": 2}
 _TRAINING = {"kind": "toponav training", "version": 1}
 
@@ -29,7 +27,6 @@ class ExplorationState:
     progress: float = 0.0  # how much of the run is over, in [0, 1]
     versions: dict[str, int] = field(default_factory=dict)  # newest published, by name
     history: list[Row] = field(default_factory=list)  # rows of metrics.csv
-    evaluations: list[Row] = field(default_factory=list)  # rows of evaluation.csv
     # Since the last row of metrics.csv: what was measured, and the episodes that ended.
     measured: dict[str, list[float]] = field(default_factory=dict)
     ended: list[Row] = field(default_factory=list)
@@ -45,16 +42,6 @@ class ExplorationState:
         self.seconds = seconds
         by_clock = seconds / (60 * collect.minutes) if collect.minutes else 0.0
         self.progress = min(1.0, max(self.decisions / collect.decisions, by_clock))
-
-    @property
-    def baselines(self) -> dict[str, float]:
-        """Mean coverage of the blind baselines, by name; empty where it is unknown."""
-        rows = [row for row in self.evaluations if row["policy"] in BASELINES]
-        names = dict.fromkeys(str(row["policy"]) for row in rows if "coverage" in row)
-        return {
-            name: mean_of([row for row in rows if row["policy"] == name], "coverage")
-            for name in names
-        }
 
 
 def save_exploration(

@@ -1,7 +1,9 @@
 """The consumers of an exploration's batches, from its settings."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +11,15 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from toponav.builders import NETWORKS, Consumer, Learner, Networks, RewardMethod, World
+from toponav.builders import (
+    NETWORKS,
+    Consumer,
+    Learner,
+    Networks,
+    RewardMethod,
+    World,
+    make_autocast,
+)
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS
 from toponav.training.checkpoints import ExplorationState
@@ -17,6 +27,7 @@ from toponav.training.continued_training import ContinuedTraining, LocomotionFin
 from toponav.training.episode_log import EpisodeLog, mean_of
 from toponav.training.map_growth import MapGrowth
 from toponav.training.pair_trainer import require_finite
+from toponav.training.recalibration import Recalibration, walk_for_calibration
 
 
 class BestPolicy(Consumer):
@@ -110,15 +121,24 @@ def make_consumers(
     consumers["reward"] = reward
     if networks is None:
         return log, consumers
+    if settings.online.learn:
+        check = partial(require_finite, folder=folder, setting="online.lr")
+        recalibrate = Recalibration(
+            walk_for_calibration(settings, world),
+            networks,
+            k=settings.pairs.k,
+            autocast=make_autocast(networks.device, bf16=True),
+        )
+        # Before the map, which is embedded by the networks that it restores or leaves.
+        consumers["online"] = ContinuedTraining(
+            settings, networks, check, reward=reward, recalibrate=recalibrate
+        )
     if settings.map.grow:
-        consumers["map"] = MapGrowth(settings, world, networks)
+        consumers["map"] = MapGrowth(settings, world, networks, folder)
     # Continued training trains the whole L-network; and a head can learn from stored
     # embeddings only if its encoder made them.
     shares = networks.locomotion.encoder is networks.tc.encoder
-    if settings.online.learn:
-        check = partial(require_finite, folder=folder, setting="online.lr")
-        consumers["online"] = ContinuedTraining(settings, networks, check)
-    elif settings.locomotion.learn and shares:
+    if not settings.online.learn and settings.locomotion.learn and shares:
         check = partial(require_finite, folder=folder, setting="locomotion.lr")
         consumers["locomotion"] = LocomotionFinetuner(settings, networks, check)
     return log, consumers
@@ -127,6 +147,28 @@ def make_consumers(
 def needed_keys(consumers: Mapping[str, Consumer]) -> list[NestedKey]:
     """What collectors hand over: all that any consumer reads."""
     return list(dict.fromkeys(key for one in consumers.values() for key in one.in_keys))
+
+
+@contextmanager
+def finishing(consumers: Mapping[str, Consumer], folder: Path) -> Iterator[None]:
+    """Finish all consumers, those that can beside what the block does, in a thread.
+
+    They are finished when it ends; an error in it ends them first.
+    """
+    beside = [one for one in consumers.values() if one.finishes_beside]
+    for consumer in consumers.values():
+        if consumer not in beside:
+            consumer.finish(folder)
+    with ThreadPoolExecutor(max(1, len(beside))) as pool:
+        results = [pool.submit(one.finish, folder) for one in beside]
+        try:
+            yield
+        except BaseException:
+            for one in beside:
+                one.interrupt()
+            raise
+        for result in results:
+            result.result()
 
 
 def trained_policies(

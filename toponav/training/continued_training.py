@@ -6,6 +6,7 @@ Reference:
 """
 
 import copy
+import threading
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from toponav.builders import (
     Check,
     Consumer,
     Networks,
+    RewardMethod,
     frames_that_fit,
     make_autocast,
     make_device,
@@ -31,6 +33,7 @@ from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
 from toponav.runs import write_history
 from toponav.training.episode_log import mean_of
 from toponav.training.pair_trainer import PairTrainer, make_l_loss, make_pair_trainer
+from toponav.training.recalibration import Recalibration
 
 # Of the L-network's head alone, and the updates between two rows of its log.
 _WEIGHT_DECAY, _ROW_EVERY = 1e-3, 100
@@ -41,13 +44,20 @@ class ContinuedTraining(Consumer):
 
     They are in ``train()`` mode during an update only. The settings' ``online`` says
     when and how fast to learn, ``pairs`` from what, ``device`` where. On another device
-    than theirs a copy learns, and they get its weights when a new version is due.
+    than theirs a copy learns, and they get its weights when a new version is due. With
+    each version come new thresholds for them and the ``reward``, by ``recalibrate``.
     """
 
     in_keys = FRAME_KEYS
 
     def __init__(
-        self, settings: ExploreConfig, networks: Networks, check: Check
+        self,
+        settings: ExploreConfig,
+        networks: Networks,
+        check: Check,
+        *,
+        reward: RewardMethod | None = None,
+        recalibrate: Recalibration | None = None,
     ) -> None:
         self.config = config = settings.online
         num_frames = frames_that_fit(
@@ -56,15 +66,16 @@ class ContinuedTraining(Consumer):
         storage = LazyTensorStorage(max(num_frames, config.ahead))
         self.buffer = TensorDictReplayBuffer(storage=storage)
         self.networks = networks
-        trained = _on_device(settings, networks)
+        self.reward, self.recalibrate = reward, recalibrate
+        self.trained = _on_device(settings, networks)
         self.trainer = make_pair_trainer(
-            trained,
+            self.trained,
             settings.pairs,
             config,
             storage,
             seed=settings.seed,
             lr=config.lr,
-            autocast=make_autocast(trained.device, bf16=True),
+            autocast=make_autocast(self.trained.device, bf16=True),
             check=check,
         )
         self._since_update = self._since_version = 0
@@ -93,22 +104,35 @@ class ContinuedTraining(Consumer):
         if not ready or self._since_version < self.config.publish_every:
             return ()
         self._since_version = 0
-        self._copy_back()
+        self._hand_over()
         return (NETWORKS,)
 
     def finish(self, folder: Path) -> None:
-        self._copy_back()
+        self._hand_over()
 
     def state_dict(self) -> dict[str, Any]:
-        """That of the trainer; views are collected again."""
-        return self.trainer.state_dict()
+        """The trainer's, and the calibration; views are collected again."""
+        state = self.trainer.state_dict() | {"thresholds": self.networks.thresholds}
+        if self.recalibrate is not None:
+            state["shares"] = self.recalibrate.shares
+        return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self.trainer.load_state_dict(state)
-        self._copy_back()
+        # Earlier runs kept the thresholds that they began with.
+        self.networks.thresholds.update(state.get("thresholds", {}))
+        if self.recalibrate is not None:
+            self.recalibrate.shares = state.get("shares", self.recalibrate.shares)
+        self._hand_over()
 
-    def _copy_back(self) -> None:
+    def _hand_over(self) -> None:
+        """Give the networks the trained weights, and all the thresholds that fit."""
         self.networks.modules.load_state_dict(self.trainer.network.state_dict())
+        thresholds = self.networks.thresholds
+        if self.recalibrate is not None:
+            thresholds.update(self.recalibrate(self.trained, thresholds))
+        if self.reward is not None:
+            self.reward.recalibrate(thresholds)
 
 
 class LocomotionFinetuner(Consumer):
@@ -121,6 +145,7 @@ class LocomotionFinetuner(Consumer):
 
     in_keys = (EMBEDDING, ACTION, TRAJECTORY, "step_count")
     running = ("_first_episode",)
+    finishes_beside = True
 
     def __init__(
         self, settings: ExploreConfig, networks: Networks, check: Check
@@ -129,6 +154,7 @@ class LocomotionFinetuner(Consumer):
             raise ValueError("networks must share one encoder, got two.")
         self.config = config = settings.locomotion
         self.settings, self.networks = settings, networks
+        self.device = make_device(settings.device)
         self.head = networks.locomotion.head
         self.check = check
         self.generator = torch.Generator().manual_seed(settings.seed)
@@ -143,6 +169,7 @@ class LocomotionFinetuner(Consumer):
         self._start = copy.deepcopy(self.head.state_dict())
         # Collectors that begin new episodes number them from 0 again.
         self._first_episode = 0
+        self._interrupted = threading.Event()
 
     def extend(self, batch: TensorDictBase) -> dict[str, float]:
         """Keep the decisions of a batch ``[E, T]``, instead of the oldest ones."""
@@ -171,6 +198,7 @@ class LocomotionFinetuner(Consumer):
             generator=self.generator,
             lr=config.lr,
             weight_decay=_WEIGHT_DECAY,
+            autocast=make_autocast(self.device, bf16=True),
             check=self.check,
         )
         schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -180,6 +208,8 @@ class LocomotionFinetuner(Consumer):
         sums = torch.zeros(2)
         bar = tqdm(range(1, config.updates + 1), desc="train L head", unit="update")
         for update in bar:
+            if self._interrupted.is_set():
+                return
             measured = trainer.step()
             schedule.step()
             figures = measured["loss_locomotion"], measured["train_l_accuracy"]
@@ -193,8 +223,11 @@ class LocomotionFinetuner(Consumer):
         self.head.load_state_dict(head.state_dict())
         write_history(folder / "locomotion.csv", rows)
 
+    def interrupt(self) -> None:
+        self._interrupted.set()
+
     def _draw_pairs(self) -> list[TensorDictBase]:
-        pairs = self.buffer.sample().to(make_device(self.settings.device))
+        pairs = self.buffer.sample().to(self.device)
         for key in (ANCHOR, OTHER):
             pairs[key] = pairs[key].float()
         return [pairs]

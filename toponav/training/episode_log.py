@@ -80,6 +80,17 @@ class EpisodeLog(Consumer):
             return {}
         return {"running_coverage": float(later.get(keys.COVERAGE)[:, -1].mean())}
 
+    @property
+    def shown_episode(self) -> TensorDictBase | None:
+        """``[T]``; the last whole episode of the first environment, or what it began.
+
+        ``None`` before its first batch.
+        """
+        if self.last_episode is not None or not self._pieces:
+            return self.last_episode
+        begun = torch.cat(self._pieces)
+        return begun if len(begun) else None
+
     def _row(self, last: TensorDictBase, sums: Tensor) -> Row:
         later, version = last.get("next"), last.get(keys.NETWORKS_VERSION, None)
         return {

@@ -21,8 +21,8 @@ from toponav.builders import (
     Novelty,
     RewardMethod,
     World,
-    keep_freed_memory,
     make_empty_novelty,
+    prepare_process,
     seed_of,
     start_collector,
 )
@@ -123,10 +123,8 @@ def make_explore_env(
             transforms.append(EmbedViews(novelty.tc.embed))
     transforms += reward.make_transforms(num_envs=envs, seed=seed)
     transforms.append(PreviousAction(world.spec.num_actions))
-    if (layout := world.layout) is not None:
-        slots = list(layout.slots.values())
-        mask = torch.as_tensor(layout.open_mask)
-        transforms.append(Coverage(mask, COVERAGE_LEVELS, slot_cells=slots))
+    if world.layout is not None:
+        transforms.append(make_coverage(world))
     transforms.append(PreviousReward(in_keys=[reward.reward_key]))
     if stagger:
         transforms.append(StaggeredEpisodes(world.episode_length))
@@ -134,6 +132,14 @@ def make_explore_env(
     if hasattr(explorer.policy, "make_tensordict_primer"):
         transforms.append(explorer.policy.make_tensordict_primer())
     return TransformedEnv(env, Compose(*transforms))
+
+
+def make_coverage(world: World) -> Coverage:
+    """What measures coverage in a maze."""
+    assert world.layout is not None
+    slots = list(world.layout.slots.values())
+    mask = torch.as_tensor(world.layout.open_mask)
+    return Coverage(mask, COVERAGE_LEVELS, slot_cells=slots)
 
 
 def make_explore_collector(
@@ -215,10 +221,8 @@ def make_worker_collector(
     They are filled before the environment looks through them for the first time.
     """
     # One process, one core: threads of torch would only get in each other's way.
-    torch.set_num_threads(1)
-    keep_freed_memory()
     seed = seed_of(settings.seed, decisions, worker_idx)
-    torch.manual_seed(seed)
+    prepare_process(threads=1, seed=seed)
     policy = LEARNERS[settings.loss.name].make_policy(settings, world)
     explorer = Explorer(policy, make_reward(settings, world, None), None)
     if explorer.novelty is None and NETWORKS in mailbox.names:

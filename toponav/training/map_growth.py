@@ -2,7 +2,9 @@
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,31 +25,43 @@ from toponav.builders import (
     World,
     for_inference,
     make_map,
+    map_thresholds,
     pretraining_decisions,
 )
 from toponav.config import ExploreConfig
-from toponav.graph import TopologicalMap, save_map, sparsify
+from toponav.graph import TopologicalMap, ViewFile, save_map, sparsify
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
-from toponav.metrics import covered_cells, edge_lengths, map_parts, map_quality
+from toponav.metrics import (
+    FALSE_EDGE_CELLS,
+    covered_cells,
+    edge_lengths,
+    map_parts,
+    map_quality,
+)
 from toponav.plotting import FloorPlan, draw_graph, draw_topological_map, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
 
-#: Edges longer than this on foot are false, in cells.
-_FAR_CELLS = 3.0
+#: The file in a run folder that holds the views of the map's waypoints.
+VIEWS_FILE = "map_views.bin"
 
 
 class MapGrowth(Consumer):
     """A topological map, judged by the ground truth where there is any.
 
     The map gets its own copy of the TC-network: the one that continues training is
-    ahead of the version with which the explorers embed.
+    ahead of the version with which the explorers embed. Views are kept in a file in
+    ``folder``, without one in memory.
     """
 
     saved = ("map", "truth", "rows", "decisions", "pretraining_decisions")
 
     def __init__(
-        self, settings: ExploreConfig, world: World, networks: Networks
+        self,
+        settings: ExploreConfig,
+        world: World,
+        networks: Networks,
+        folder: Path | None = None,
     ) -> None:
         self.config = settings.map
         self.trains_online = settings.online.learn
@@ -58,8 +72,16 @@ class MapGrowth(Consumer):
         novelty = for_inference(Novelty(copy.deepcopy(networks.tc)), settings.model)
         self.tc = novelty.tc.eval()
         self.map: TopologicalMap = make_map(
-            self.config, self.tc, networks.thresholds, world=world.spec
+            self.config,
+            self.tc,
+            networks.thresholds,
+            world=world.spec,
+            views=None if folder is None else ViewFile(folder / VIEWS_FILE),
         )
+        self._thread = ThreadPoolExecutor(1, "map")
+        #: The writing of the files, and whether a newer map waits for it.
+        self._writing: Future[None] | None = None
+        self._is_behind = False
         self.truth = MapTruth(world) if world.layout is not None else None
         self.decisions = 0
         self.rows: list[Row] = []
@@ -85,17 +107,19 @@ class MapGrowth(Consumer):
         return {}
 
     def refresh(self, versions: Mapping[str, int]) -> None:
-        """Take over the networks' weights as published and embed the map again."""
+        """Take over the networks as published, thresholds too; embed the map again."""
         if NETWORKS in versions:
             self._embed(versions[NETWORKS])
 
     def _embed(self, version: int) -> None:
         self.tc.load_state_dict(self.networks.tc.state_dict())
+        self.map.set_thresholds(*map_thresholds(self.config, self.networks.thresholds))
         self.map.refresh(version)
 
     def finish(self, folder: Path) -> None:
         """Embed by the last networks, and sparsify if the settings want it."""
         tolerance = self.config.sparsify
+        self._wait()
         if self.trains_online:
             self._embed(self.map.network_version + 1)
         if tolerance is not None:
@@ -107,35 +131,63 @@ class MapGrowth(Consumer):
                 f"map: {before[0]:,} waypoints and {before[1]:,} edges became "
                 f"{self.map.num_waypoints:,} and {len(self.map.edges):,}"
             )
-        if self.trains_online or tolerance is not None:
+        if self.trains_online or tolerance is not None or self._is_behind:
             self.write(folder)
+        self._wait()
+
+    def _wait(self) -> None:
+        """Wait until all is written, and raise what went wrong with it."""
+        if self._writing is not None:
+            self._writing.result()
+            self._writing = None
 
     def write(self, folder: Path) -> None:
-        """Write the map, its poses, a row of ``map.csv`` and ``topology.png``."""
+        """Write the map, its poses, a row of ``map.csv`` and ``topology.png``.
+
+        A thread does it; while it is at the last map, this one is left to the next
+        time, or to `finish`.
+        """
+        self._is_behind = self._writing is not None and not self._writing.done()
+        if self._is_behind:
+            return
+        self._wait()
         version = self.map.network_version
-        row: Row = {"decisions": self.decisions, "networks_version": version}
+        snapshot = _Snapshot(
+            {"decisions": self.decisions, "networks_version": version},
+            self.map.state_dict(views=False),
+            self.map.waypoints.views.pictures(),
+            self.map.edge_cost.amin(1),
+            torch.empty(0) if self.truth is None else self.truth.poses.values,
+            math.nan if self.truth is None else self.truth.decisions_to_cover,
+        )
+        self._writing = self._thread.submit(self._write, folder, snapshot)
+
+    def _write(self, folder: Path, now: "_Snapshot") -> None:
+        row, edges = now.row, now.state["edges"]
         if self.truth is None:
-            num, edges = self.map.num_waypoints, self.map.edges
+            num = len(now.state["origins"])
             row |= {"waypoints": num, "edges": len(edges), **map_parts(num, edges)}
         else:
-            row |= self.truth.measure(self.map, self.pretraining_decisions)
-            write_array(folder / POSES_FILE, self.truth.poses.values)
+            row |= self.truth.measure(now, self.pretraining_decisions)
+            write_array(folder / POSES_FILE, now.poses)
         self.rows.append(row)
         write_history(folder / "map.csv", self.rows)
-        save_map(self.map.state_dict(), folder / MAP_FILE, about={"maze": self.name})
-        save_figure(self._draw(row), folder / "topology.png", dpi=110)
+        about = {"maze": self.name}
+        save_map(now.state, folder / MAP_FILE, about=about, views=now.views)
+        save_figure(self._draw(now), folder / "topology.png", dpi=110)
 
-    def _draw(self, row: Row) -> Figure:
+    def _draw(self, now: "_Snapshot") -> Figure:
+        row = now.row
         parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
         title = f"{self.name} after {row['decisions']:,} decisions: "
         if self.truth is not None:
             title += f"{row['coverage']:.0%} of the cells, {parts} "
             title += f"({row['true_components']} without the false edges, "
             title += f"{row['false_edges']:.1%})"
-            return self.truth.draw(self.map, title)
+            return self.truth.draw(now, title)
         title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
-        num, cost = self.map.num_waypoints, self.map.edge_cost.amin(1)
-        return draw_graph(num, self.map.edges, cost, title=title)
+        num, edges = len(now.state["origins"]), now.state["edges"]
+        return draw_graph(num, edges, now.cost, title=title)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         super().load_state_dict(state)
@@ -150,6 +202,18 @@ class MapGrowth(Consumer):
         self.map.discovery.resume_episodes(state["map"])
         if self.truth is not None:
             self.truth.poses.last = state["poses"]
+
+
+@dataclass(frozen=True)
+class _Snapshot:
+    """A map at one moment, to be written while it grows."""
+
+    row: Row
+    state: dict[str, Any]  # without views
+    views: Iterator[Tensor | bytes]
+    cost: Tensor  # of the edges, in the cheaper direction
+    poses: Tensor
+    decisions_to_cover: float
 
 
 class MapTruth:
@@ -173,29 +237,23 @@ class MapTruth:
         if bool(covered_cells(self._metric, self.poses.values).all()):
             self.decisions_to_cover = float(decisions)
 
-    def measure(self, topological_map: TopologicalMap, pretrained: float) -> Row:
+    def measure(self, now: "_Snapshot", pretrained: float) -> Row:
         """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
-        quality = map_quality(
-            self._metric,
-            self.poses.values,
-            topological_map.edges,
-            topological_map.edge_cost.amin(1),
-            far_cells=_FAR_CELLS,
-        )
+        edges, cost = now.state["edges"], now.cost
+        quality = map_quality(self._metric, now.poses, edges, cost)
         return {
             **vars(quality),
-            "decisions_to_cover": self.decisions_to_cover,
-            "interaction_to_encode": self.decisions_to_cover + pretrained,
+            "decisions_to_cover": now.decisions_to_cover,
+            "interaction_to_encode": now.decisions_to_cover + pretrained,
         }
 
-    def draw(self, topological_map: TopologicalMap, title: str) -> Figure:
+    def draw(self, now: "_Snapshot", title: str) -> Figure:
         """The map over the plan."""
-        poses, edges = self.poses.values, topological_map.edges
-        far = _FAR_CELLS * self._metric.cell_size
+        poses, edges = now.poses, now.state["edges"]
+        far = FALSE_EDGE_CELLS * self._metric.cell_size
         spurious = edge_lengths(self._metric, poses, edges) > far
-        cost = topological_map.edge_cost.amin(1)
         return draw_topological_map(
-            poses, edges, cost, spurious, plan=self._plan, title=title
+            poses, edges, now.cost, spurious, plan=self._plan, title=title
         )
 
     def state_dict(self) -> dict[str, Any]:

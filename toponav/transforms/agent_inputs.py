@@ -9,7 +9,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
-from torchrl.data import Bounded, Categorical, Composite, TensorSpec
+from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
 
 from toponav import keys
 from toponav.transforms.specs import KeyedTransform, Keys, ViewTransform, find_spec
@@ -115,8 +115,9 @@ class PolicyPixels(ViewTransform):
 
     def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
         shape = (*view.shape[:-3], *self.size, view.shape[-1])
-        low, high = (0, 255) if view.dtype == torch.uint8 else (0.0, 1.0)
-        return Bounded(low, high, shape, view.device, view.dtype)
+        if view.dtype == torch.uint8:
+            return Unbounded(shape, view.device, view.dtype)
+        return Bounded(0.0, 1.0, shape, view.device, view.dtype)
 
 
 class PreviousAction(KeyedTransform):
@@ -277,5 +278,5 @@ class GoalViews(KeyedTransform):
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         goal = find_spec(observation_spec, self.in_keys[0], length=2)
         shape = (*goal.shape[:-1], *self.views.shape[1:])
-        shown = Bounded(0, 255, shape, goal.device, self.views.dtype)
+        shown = Unbounded(shape, goal.device, self.views.dtype)
         return observation_spec.set(self.out_keys[0], shown)

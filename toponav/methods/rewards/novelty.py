@@ -1,5 +1,6 @@
 """Novelty by temporal distance: the paper's reward."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,9 +82,13 @@ class NoveltyMethod(RewardMethod):
         if networks is None:
             self.novelty = make_empty_novelty(settings.model, world.spec)
         else:
-            word, found = self.config.threshold, networks.thresholds
-            threshold = threshold_of("reward.threshold", word, _CALIBRATED, found)
-            self.novelty = Novelty(networks.tc, threshold)
+            self.novelty = Novelty(networks.tc)
+            self.recalibrate(networks.thresholds)
+
+    def recalibrate(self, thresholds: Mapping[str, float]) -> None:
+        word = self.config.threshold
+        threshold = threshold_of("reward.threshold", word, _CALIBRATED, thresholds)
+        self.novelty.threshold.fill_(threshold)
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         config, (alpha, beta) = self.config, self.config.weights

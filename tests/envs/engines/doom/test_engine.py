@@ -1,5 +1,7 @@
 """Starting, losing and closing engines."""
 
+import faulthandler
+import multiprocessing
 import os
 import signal
 import sys
@@ -8,6 +10,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import psutil
 import pytest
 import vizdoom
 
@@ -169,3 +172,33 @@ class TestLosses:
             forever.set()
         assert time.monotonic() - begin < 20
         assert set(instances.registry().iterdir()) == before
+
+    def test_one_that_is_killed_while_it_starts_leaves_no_shared_memory(
+        self, tmp_path: Path
+    ) -> None:
+        # ViZDoom may take its process along.
+        file = tmp_path / "identifier"
+        context = multiprocessing.get_context("fork")
+        child = context.Process(target=kill_while_it_starts, args=(file,))
+        child.start()
+        child.join(60)
+        assert not child.is_alive()
+        instances.sweep()
+        left = instances.SHARED_MEMORY.glob(f"ViZDoom*{file.read_text()}")
+        assert not list(left)
+
+
+def kill_while_it_starts(file: Path) -> None:
+    """Start an engine that is killed as soon as there is one; note its identifier."""
+    faulthandler.disable()
+    engine_pid = instances.engine_pid
+
+    def kill_at_once(folder: Path) -> int | None:
+        if (pid := engine_pid(folder)) is not None:
+            words = psutil.Process(pid).cmdline()
+            file.write_text(words[words.index("+viz_instance_id") + 1])
+            os.kill(pid, signal.SIGKILL)
+        return pid
+
+    instances.engine_pid = kill_at_once
+    start()

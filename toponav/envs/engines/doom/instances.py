@@ -114,16 +114,15 @@ def _started(pid: int) -> str:
 
 def _reap(folder: Path) -> None:
     """End the engine that uses this folder, remove its shared memory, the folder."""
-    identifiers = set()
+    identifiers = set[str | None]()
     with suppress(OSError, ValueError):
         identifiers.add((folder / "instance").read_text())
     for process, command in _engines_of(folder):
-        if "+viz_instance_id" in command:
-            identifiers.add(command[command.index("+viz_instance_id") + 1])
+        identifiers.add(_instance_of(command))
         with suppress(psutil.Error):
             process.kill()
             process.wait(5)
-    for prefix, identifier in product(_SHARED_MEMORY_PREFIXES, identifiers):
+    for prefix, identifier in product(_SHARED_MEMORY_PREFIXES, identifiers - {None}):
         with suppress(OSError, ValueError):
             (SHARED_MEMORY / f"{prefix}{identifier}").unlink()
     shutil.rmtree(folder, ignore_errors=True)
@@ -138,5 +137,19 @@ def _engines_of(folder: Path) -> list[tuple[psutil.Process, list[str]]]:
 
 
 def engine_pid(folder: Path) -> int | None:
-    """Process number of the engine that uses a claimed folder, if one does."""
-    return next((int(process.pid) for process, _ in _engines_of(folder)), None)
+    """Process number of the engine that uses a claimed folder, if one does.
+
+    Its instance number is recorded too: of one that dies while it starts, nothing else
+    would tell it.
+    """
+    for process, command in _engines_of(folder):
+        if (found := _instance_of(command)) is not None:
+            note_instance(folder, found)
+        return int(process.pid)
+    return None
+
+
+def _instance_of(command: list[str]) -> str | None:
+    """The engine's own instance number, which its command line has."""
+    words = iter(command)
+    return next(words, None) if "+viz_instance_id" in words else None

@@ -1,0 +1,101 @@
+"""The views of a map in a file: written once, whole whenever the process ends."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from tests.graph.grey_world import compare, embed, episode
+from toponav.graph import MapRules, TopologicalMap, ViewFile, load_map, save_map, views
+
+
+def some(number: int) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(number)
+    return torch.randint(0, 256, (6, 8, 3), generator=generator, dtype=torch.uint8)
+
+
+def filled(path: Path, num: int) -> ViewFile:
+    found = ViewFile(path)
+    for number in range(num):
+        found.append(some(number))
+    return found
+
+
+def test_it_reads_what_was_added(tmp_path: Path) -> None:
+    found = filled(tmp_path / "views", 5)
+    assert torch.equal(found.read(1, 4), torch.stack([some(1), some(2), some(3)]))
+    found.keep([0, 3])
+    found.append(some(7))
+    assert torch.equal(found.read(0, 9), torch.stack([some(0), some(3), some(7)]))
+    assert not len(filled(tmp_path / "none", 0).read(0, 9))
+
+
+def test_a_state_holds_until_the_file_is_changed(tmp_path: Path) -> None:
+    path = tmp_path / "views"
+    found = filled(path, 3)
+    state = found.state_dict()
+    # What came after the state is overwritten.
+    found.append(some(8))
+    again = ViewFile(path)
+    again.load_state_dict(state)
+    assert path.stat().st_size == state["views_size"]
+    again.append(some(3))
+    assert torch.equal(again.read(0, 9), torch.stack([some(one) for one in range(4)]))
+    data = bytearray(path.read_bytes())
+    data[50] ^= 1
+    for damaged in (bytes(data), bytes(data[:40])):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match="views must be as it was written"):
+            ViewFile(path).load_state_dict(state)
+
+
+def test_states_of_earlier_versions_are_read(tmp_path: Path) -> None:
+    found = filled(tmp_path / "views", 2)
+    found.load_state_dict({"images": torch.stack([some(4), some(5), some(6)])})
+    assert torch.equal(found.read(1, 3), torch.stack([some(5), some(6)]))
+
+
+def make_map(path: Path | None = None, **rules: object) -> TopologicalMap:
+    literal = {"window": 0, "search_window": 0, "hysteresis": False, "nearby": None}
+    given = MapRules(tc_threshold=0.9, tc_reach=0.75, **literal | rules)  # type: ignore[arg-type]
+    return TopologicalMap(embed, compare, given, views=path and ViewFile(path))
+
+
+def test_each_view_is_encoded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encoded, encode = [], views.encode_view
+    monkeypatch.setattr(
+        views, "encode_view", lambda one: encoded.append(1) or encode(one)
+    )
+    monkeypatch.setattr("toponav.graph.map_file.encode_view", views.encode_view)
+    found, plain = make_map(tmp_path / "views"), make_map()
+    for one in (found, plain):
+        one.add_episode(episode(0, 20, 60, 20, views=True))
+    state = found.state_dict()
+    assert "images" not in state
+    for name in ("one.zip", "two.zip"):
+        pictures = found.waypoints.views.pictures()
+        save_map(found.state_dict(views=False), tmp_path / name, views=pictures)
+    assert len(encoded) == 3
+    loaded, _ = load_map(tmp_path / "two.zip")
+    assert torch.equal(loaded["images"], plain.waypoints.images)
+    # A file with the same views is the same file.
+    save_map(plain.state_dict(), tmp_path / "plain.zip")
+    assert (tmp_path / "plain.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
+    found.refresh(1)
+    assert torch.allclose(found.embeddings, plain.embeddings)
+
+
+def test_what_a_full_map_has_no_waypoint_for_is_nowhere() -> None:
+    found = make_map(capacity=2, edges="time")
+    assert found.add_episode(episode(0, 20, 60, 80, 20, 0)).tolist() == [
+        *(0, 1, -1, -1, 1, 0),
+    ]
+    # No edge leads across what is nowhere, but known places join as before.
+    assert found.num_waypoints == 2
+    assert found.edges.tolist() == [[0, 1]]
+    assert found.graph.traversals.tolist() == [[1, 1]]
+    backed = make_map(capacity=2, edges="time", nearby=1)
+    assert backed.add_episode(episode(0, 60, 20, 60, 0)).tolist() == [0, 1, -1, 1, 0]
+    assert backed.graph.traversals.tolist() == [[1, 1]]

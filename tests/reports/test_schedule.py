@@ -1,0 +1,74 @@
+import csv
+import math
+from pathlib import Path
+
+import pytest
+
+from tests.exploring import explore_settings
+from toponav.reports import schedule as module
+from toponav.reports.schedule import EVALUATE, EXPLORE, Schedule, explore_schedule
+
+
+class Clock:
+    """Stands in for the module ``time``."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr(module, "time", made)
+    return made
+
+
+def test_a_machine_that_took_twice_as_long_will_go_on_so(
+    clock: Clock, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    schedule = Schedule({"one": 60.0, "two": 120.0, "three": 60.0}, tmp_path)
+    schedule.begin("one")
+    clock.now += 120
+    schedule.begin("two")
+    # 2 x (120 + 60) s are left.
+    assert "then three; all done in about 6.0 minutes" in capsys.readouterr().err
+    clock.now += 120
+    # A third of it took 120 s: 240 s to go. All phases so far took 240 s where
+    # 60 + 120 / 3 = 100 were expected: 2.4 x 60 s = 144 s for the last. 384 s.
+    assert schedule.left(1 / 3) == "6.4 minutes"
+    schedule.begin("three")
+    schedule.end()
+    with (tmp_path / "phases.csv").open() as file:
+        rows = [list(row.values()) for row in csv.DictReader(file)]
+    assert rows == [["one", "120", "120"], ["two", "240", "120"], ["three", "240", "0"]]
+
+
+def test_a_phase_of_unknown_length_is_said_to_be(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    schedule = Schedule({"one": math.nan, "two": 120.0})
+    schedule.begin("one")
+    said = "phase 1 of 2: one, then two; all done about 2.0 minutes after that\n"
+    assert capsys.readouterr().err == said
+    clock.now += 1000
+    schedule.begin("two", rest=0.5)
+    assert "all done in about 1.0 minutes" in capsys.readouterr().err
+
+
+def test_a_phase_that_a_run_does_not_have_is_not_announced(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Schedule({"two": 120.0}).begin("one")
+    assert capsys.readouterr().err == ""
+
+
+def test_a_run_with_networks_does_not_pretrain(tmp_path: Path) -> None:
+    given = explore_settings("pretrained=somewhere")
+    assert list(explore_schedule(given, tmp_path).expected) == [EXPLORE, EVALUATE]
+    blind = explore_settings("reward=random")
+    assert list(explore_schedule(blind, tmp_path).expected) == [EXPLORE, EVALUATE]
+    fresh = explore_settings(f"pretraining.folder={tmp_path}")
+    assert next(iter(explore_schedule(fresh, tmp_path).expected)) == module.PRETRAIN

@@ -1,0 +1,37 @@
+"""Some of the cases of benchmarks/fuzz.py: one sentence each, and none hangs."""
+
+import random
+
+import pytest
+
+from benchmarks import fuzz
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _recipes_are_loaded() -> None:
+    fuzz.prepare()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "number"), [("layout", 140), ("settings", 8), ("file", 70)]
+)
+def test_bad_input_is_one_sentence(kind: str, number: int) -> None:
+    kinds = [make.__name__ for make in fuzz.MAKERS]
+    first = kinds.index(f"{kind}_case")
+    found = fuzz.run_cases(range(first, number * len(kinds), len(kinds)))
+    assert found["faults"] == []
+    assert found["total"]["refused"] > number / 2
+
+
+def test_a_case_that_raises_or_hangs_is_a_fault(
+    tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def case(run) -> str:
+        return fuzz.outcome(fuzz.Case(0, "layout", "", run), tmp_path)[0]
+
+    monkeypatch.setattr(fuzz, "LIMIT_S", 0.2)
+    assert case(lambda: fuzz.time.sleep(60)) == "hang"
+    assert case(lambda: 1 / 0) == "traceback"
+    assert case(lambda: fuzz.require_same(False)) == "changed"
+    assert case(lambda: random.random()) == "accepted"

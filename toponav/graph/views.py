@@ -1,0 +1,159 @@
+"""The views of a map's waypoints: in memory, or in a file that only grows."""
+
+import io
+import os
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+_PIECE = 1 << 20  # bytes
+
+
+class Views(Protocol):
+    """Views uint8 ``[H, W, 3]`` by the numbers of their waypoints."""
+
+    def __len__(self) -> int: ...
+
+    def append(self, view: Tensor) -> None: ...
+
+    def read(self, first: int, last: int) -> Tensor:
+        """Those from ``first`` to before ``last``, ``[N, H, W, 3]``."""
+
+    def pictures(self) -> Iterator[Tensor | bytes]:
+        """All that there are now, those of a file as PNG; a thread may read them."""
+
+    def keep(self, kept: list[int]) -> None:
+        """Drop all but these, which get new numbers."""
+
+    def state_dict(self) -> dict[str, Any]: ...
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
+
+
+class ViewsInMemory:
+    """Views as they are."""
+
+    def __init__(self) -> None:
+        self._views: list[Tensor] = []
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def append(self, view: Tensor) -> None:
+        self._views.append(view.clone())
+
+    def read(self, first: int, last: int) -> Tensor:
+        views = self._views[first:last]
+        return torch.stack(views) if views else torch.empty(0)
+
+    def pictures(self) -> Iterator[Tensor | bytes]:
+        return iter(self._views[:])
+
+    def keep(self, kept: list[int]) -> None:
+        self._views = [self._views[one] for one in kept]
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"images": self.read(0, len(self))}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._views = list(state["images"].clone())
+
+
+class ViewFile:
+    """Views as PNG, one after another in a file, each encoded and written once.
+
+    The state says how much of the file belongs to it, and that part never changes: a
+    state that is saved while the file grows fits it whenever the process ends.
+
+    Examples:
+        >>> import tempfile
+        >>> views = ViewFile(Path(tempfile.mkdtemp()) / "views")
+        >>> views.append(torch.zeros(4, 6, 3, dtype=torch.uint8))
+        >>> views.read(0, 1).shape
+        torch.Size([1, 4, 6, 3])
+    """
+
+    def __init__(self, path: Path) -> None:
+        path.touch()
+        self.path = path
+        self._file = path.open("r+b", buffering=0)
+        #: Where each view begins, and its length in bytes.
+        self._places: list[tuple[int, int]] = []
+        #: Bytes that are in use, and their checksum.
+        self._size = self._checksum = 0
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def append(self, view: Tensor) -> None:
+        data = encode_view(view)
+        at = self._size
+        self._file.seek(at)
+        left = memoryview(data)
+        while left:
+            left = left[self._file.write(left) :]
+        self._size += len(data)
+        self._checksum = zlib.crc32(data, self._checksum)
+        self._places.append((at, len(data)))
+
+    def read(self, first: int, last: int) -> Tensor:
+        found = [decode_view(self._png(*place)) for place in self._places[first:last]]
+        return torch.stack(found) if found else torch.empty(0)
+
+    def pictures(self) -> Iterator[Tensor | bytes]:
+        places = self._places[:]
+        return (self._png(*place) for place in places)
+
+    def _png(self, at: int, length: int) -> bytes:
+        return os.pread(self._file.fileno(), length, at)
+
+    def keep(self, kept: list[int]) -> None:
+        self._places = [self._places[one] for one in kept]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the views are in the file, which is on disk when this returns."""
+        os.fsync(self._file.fileno())
+        return {
+            "views": torch.tensor(self._places).reshape(-1, 2),
+            "views_size": self._size,
+            "views_checksum": self._checksum,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue where `state_dict` was taken; ``ValueError`` if the file changed."""
+        self._places, self._size, self._checksum = [], 0, 0
+        if "images" in state:  # of an earlier version, or of views in memory
+            for view in state["images"]:
+                self.append(view)
+            return
+        checksum, left = 0, int(state["views_size"])
+        self._file.seek(0)
+        while left and (piece := self._file.read(min(left, _PIECE))):
+            checksum, left = zlib.crc32(piece, checksum), left - len(piece)
+        if left or checksum != state["views_checksum"]:
+            raise ValueError(f"{self.path.name} must be as it was written")
+        self._places = [(at, length) for at, length in state["views"].tolist()]
+        self._size, self._checksum = int(state["views_size"]), checksum
+        self._file.truncate(self._size)
+
+
+def encode_view(view: Tensor) -> bytes:
+    """A PNG of a view, uint8 ``[H, W, 3]``."""
+    if view.dtype is not torch.uint8 or view.ndim != 3 or view.shape[-1] != 3:
+        raise ValueError(
+            f"views must be uint8 [H, W, 3], got {view.dtype} {list(view.shape)}"
+        )
+    buffer = io.BytesIO()
+    Image.fromarray(np.asarray(view)).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def decode_view(data: bytes) -> Tensor:
+    """The view of a PNG."""
+    return torch.from_numpy(np.array(Image.open(io.BytesIO(data))))

@@ -1,0 +1,95 @@
+"""Convolutions with what follows them folded in, for networks that only look."""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F  # noqa: N812
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+
+class FoldedConvolution:
+    """A convolution, and a normalisation in ``eval()`` mode if one follows, as one.
+
+    With ``pack`` its weight is arranged for oneDNN, where torch has that, once and not
+    in each call: a fifth of ResNet-18's time for four views, a third of it for one.
+    """
+
+    def __init__(
+        self,
+        convolution: nn.Conv2d,
+        norm: nn.BatchNorm2d | None = None,
+        *,
+        pack: bool = False,
+    ) -> None:
+        self._plain = convolution if norm is None else _fold(convolution, norm)
+        self._packed: Tensor | None = None
+        plain, weight = self._plain, self._plain.weight.detach()
+        self._arguments: Any = (plain.padding, plain.stride, plain.dilation, 1)
+        if pack and _can_pack(weight):
+            reorder: Any = torch._C._nn.mkldnn_reorder_conv2d_weight
+            self._packed = reorder(weight.to_mkldnn(), *self._arguments)
+
+    def __call__(
+        self, planes: Tensor, *, added: Tensor | None = None, relu: bool = True
+    ) -> Tensor:
+        """The ReLU, if wanted, of the convolution and of what is ``added`` to it."""
+        out: Tensor
+        if self._packed is None or torch.is_autocast_enabled("cpu"):
+            out = self._plain(planes)
+            if added is not None:
+                out += added
+            return F.relu_(out) if relu else out
+        given = (self._packed, self._plain.bias, *self._arguments)
+        convolve = torch.ops.mkldnn._convolution_pointwise
+        last = "relu" if relu else "none"
+        if added is None:
+            out = convolve(planes, *given, last, [], "")
+        else:
+            out = convolve.binary(planes, added, *given, "add", 1.0, last, [], "")
+        return out
+
+
+class FoldCache:
+    """What an encoder has folded, made again when one of its tensors has changed.
+
+    Copies and pickles of it are empty.
+    """
+
+    def __init__(self) -> None:
+        self._folds: list[FoldedConvolution] = []
+        self._made_from: list[tuple[int, int]] = []
+
+    def __reduce__(self) -> tuple[type["FoldCache"], tuple[()]]:
+        return FoldCache, ()
+
+    def get(
+        self, make: Callable[[], list[FoldedConvolution]], *modules: nn.Module
+    ) -> list[FoldedConvolution]:
+        """The last result of ``make`` from these modules, or a new one."""
+        parts = [(*part.parameters(), *part.buffers()) for part in modules]
+        tensors = [tensor for part in parts for tensor in part]
+        # Changing a tensor in place raises its version, exchanging it moves its memory.
+        now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
+        if now != self._made_from:
+            self._folds, self._made_from = make(), now
+            # Another process can change shared tensors unseen.
+            if any(tensor.is_shared() for tensor in tensors):
+                self._made_from = []
+        return self._folds
+
+
+def _fold(convolution: nn.Conv2d, norm: nn.BatchNorm2d) -> nn.Conv2d:
+    """One convolution that does the work of both, folded in float32 or better."""
+    dtype = convolution.weight.dtype
+    exact = torch.promote_types(dtype, torch.float32)
+    convolution, norm = copy.deepcopy((convolution, norm))
+    return fuse_conv_bn_eval(convolution.to(exact), norm.to(exact)).to(dtype)
+
+
+def _can_pack(weight: Tensor) -> bool:
+    """Whether torch has oneDNN, for the device and the dtype of a weight."""
+    fits = weight.dtype in (torch.float32, torch.bfloat16) and weight.is_cpu
+    return fits and torch.backends.mkldnn.is_available()

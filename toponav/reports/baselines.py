@@ -1,0 +1,255 @@
+"""Blind baselines: what policies do that see nothing, and exploring must beat."""
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import NoReturn
+
+from filelock import FileLock
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import EnvBase, TransformedEnv
+from tqdm import tqdm
+
+from toponav import keys
+from toponav.builders import World, make_walk_policy, seed_of, settings_key
+from toponav.config import ExploreConfig
+from toponav.envs import EngineError, end_stray_engines
+from toponav.reports.episodes import play_episodes
+from toponav.reports.exploration_evaluation import (
+    BASELINES,
+    EVALUATION_SEED,
+    Evaluation,
+    evaluate_policies,
+)
+from toponav.runs import write_text
+from toponav.training import Explorer, Row, make_coverage, mean_of
+
+# To be raised if policies, scenes or what counts as covered change.
+_VERSION = 1
+# Settings of a maze that change nothing for who sees nothing; the path is only that of
+# the layout, whose text counts.
+_UNSEEN = ("path", "texture_seed", "paintings", "marks")
+# Fewer decisions take less time than a process of their own needs to start.
+_FEW = 20_000
+# Low priority comes first, since loading torch takes seconds.
+_START = (
+    "import os; os.nice(19); "
+    "from toponav.reports.baselines import play_beside; play_beside()"
+)
+
+
+class Baselines:
+    """The episodes of the blind baselines of a run, as rows of ``evaluation.csv``.
+
+    In a maze they depend on the engine, the maze, their seed, number and length alone.
+    So they are kept, in ``evaluate.random_folder``, and found again by later runs; if
+    they are missing, `start` plays them beside the run. In worlds without ground truth
+    they are judged by the explorer's reward, and played in `rows`.
+    """
+
+    def __init__(self, settings: ExploreConfig, world: World) -> None:
+        self.settings, self.world = settings, world
+        self.process: subprocess.Popen[bytes] | None = None
+        self._kept: list[Row] | None = None
+
+    def start(self) -> None:
+        """Play what is missing in a process of the lowest priority, if it is much.
+
+        That process ends when nobody holds its standard input open any more: with this
+        object, and with this process, however that ends.
+        """
+        evaluate, length = self.settings.evaluate, self.world.episode_length
+        few = len(BASELINES) * evaluate.random_episodes * length < _FEW
+        if self.world.layout is None or few or self._find() is not None:
+            return
+        quiet = {"TQDM_DISABLE": "1", "OMP_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _START],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **quiet},
+            start_new_session=True,  # Ctrl-C is for the run, which ends it then
+        )
+        assert self.process.stdin is not None
+        # One that dies at once is noticed when its rows are needed.
+        with suppress(BrokenPipeError):
+            self.process.stdin.write(pickle.dumps((self.settings, self.world)))
+            self.process.stdin.flush()
+
+    def levels(self) -> dict[str, float]:
+        """Mean coverage of each, by name; empty as long as it is unknown."""
+        rows = (self._find() if self.world.layout is not None else None) or []
+        names = dict.fromkeys(str(row["policy"]) for row in rows)
+        return {
+            name: mean_of([row for row in rows if row["policy"] == name], "coverage")
+            for name in names
+        }
+
+    def rows(self, settings: ExploreConfig, explorer: Explorer) -> list[Row]:
+        """All episodes; waits for the process, and plays what it has not played.
+
+        The ``settings`` are those of the explorer, with the model of its networks.
+        """
+        world = self.world
+        if world.layout is None:
+            policies = make_baselines(world, seed=settings.seed)
+            played = evaluate_policies(settings, world, explorer, policies)
+            return [row for one in played for row in one.rows()]
+        self._wait()
+        rows = self._find()
+        return play_baselines(settings, world) if rows is None else rows
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self.process is not None:
+            self.process.terminate()
+            self.process.communicate()
+            self.process = None
+
+    def _find(self) -> list[Row] | None:
+        if self._kept is None:
+            self._kept = find_baselines(self.settings, self.world)
+        return self._kept
+
+    def _wait(self) -> None:
+        if self.process is None:
+            return
+        if self.process.poll() is None and self._find() is None:
+            tqdm.write("waiting for the blind baselines")
+        if status := self.process.wait():
+            end_stray_engines()
+            assert self.process.stdout is not None
+            said = self.process.stdout.read().decode(errors="replace").strip()
+            tqdm.write(
+                "the blind baselines must be played beside the run, got: "
+                f"{said or f'exit status {status}'}; they are played now"
+            )
+        self.close()
+
+
+def start_baselines(settings: ExploreConfig, world: World) -> Baselines:
+    """The blind baselines of a run, which a process plays if they are missing."""
+    baselines = Baselines(settings, world)
+    baselines.start()
+    return baselines
+
+
+def make_baselines(world: World, *, seed: int) -> dict[str, TensorDictModuleBase]:
+    """Policies that see nothing: uniform, and one that mostly repeats its action."""
+    kinds = dict(zip(BASELINES, ("uniform", "sticky"), strict=True))
+    return {
+        name: make_walk_policy(kind, world.spec, seed=seed)
+        for name, kind in kinds.items()
+    }
+
+
+def play_baselines(settings: ExploreConfig, world: World) -> list[Row]:
+    """Play the blind baselines of a maze and keep them; another run's are waited for.
+
+    They are not kept where they cannot be, nor if an engine was lost meanwhile.
+    """
+    file, rows = baselines_file(settings, world), None
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(file.with_name(f".{file.stem}.lock")):
+            if (rows := find_baselines(settings, world)) is None:
+                rows, is_whole = _play(settings, world)
+                if is_whole:
+                    content = {"of": _content(settings, world), "rows": rows}
+                    write_text(file, json.dumps(content, indent=1))
+    return rows or _play(settings, world)[0]
+
+
+def play_beside() -> NoReturn:
+    """The process that `Baselines` starts: reads what to play from standard input."""
+    given = sys.stdin.buffer
+    settings, world = pickle.load(given)
+    # Engines do not get this copy, which they would keep open.
+    reason = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+
+    def end_with_the_run() -> None:
+        os.read(given.fileno(), 1)  # nothing more is written: returns when it is closed
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=end_with_the_run, daemon=True).start()
+    try:
+        play_baselines(settings, world)
+        if find_baselines(settings, world) is None:
+            raise EngineError(f"{baselines_file(settings, world)} could not be written")
+    except Exception as error:
+        # `Baselines` reads it when it wants the rows.
+        reason.write(" ".join(str(error).split()) or type(error).__name__)
+        reason.close()
+        sys.exit(1)
+    sys.exit(0)
+
+
+def find_baselines(settings: ExploreConfig, world: World) -> list[Row] | None:
+    """The rows that were kept; ``None`` without any, or if the file is damaged."""
+    try:
+        found = json.loads(baselines_file(settings, world).read_text(encoding="utf-8"))
+        rows: list[Row] = found["rows"]
+        played = [(row["policy"], row["seed"]) for row in rows]
+        covered = [0 <= row["coverage"] <= 1 for row in rows]
+        is_same = found["of"] == _content(settings, world)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    episodes = range(settings.evaluate.random_episodes)
+    wanted = [(name, number) for name in BASELINES for number in episodes]
+    return rows if is_same and played == wanted and all(covered) else None
+
+
+def baselines_file(settings: ExploreConfig, world: World) -> Path:
+    """Where the blind baselines of a maze are kept; its name has their key."""
+    name = f"{world.name}-{settings_key(_content(settings, world))}.json"
+    return Path(settings.evaluate.random_folder) / name
+
+
+def _content(settings: ExploreConfig, world: World) -> dict[str, object]:
+    """All that the episodes depend on."""
+    assert world.layout is not None
+    maze = asdict(settings.maze)
+    return {
+        "version": _VERSION,
+        "engine": settings.engine,
+        "world": asdict(settings.world),
+        "maze": {name: maze[name] for name in maze if name not in _UNSEEN},
+        "layout": world.layout.text,
+        "seed": settings.evaluate.random_seed,
+        "episodes": settings.evaluate.random_episodes,
+    }
+
+
+def _play(settings: ExploreConfig, world: World) -> tuple[list[Row], bool]:
+    """The rows, and whether no episode was cut short by the loss of an engine."""
+    seed = settings.evaluate.random_seed
+
+    def make_env(envs: int) -> EnvBase:
+        env = world.make_env(batch_size=envs, seed=0, privileged=True)
+        return TransformedEnv(env, make_coverage(world))
+
+    played = play_episodes(
+        make_env,
+        make_baselines(world, seed=seed),
+        dict.fromkeys(BASELINES, settings.evaluate.random_episodes),
+        world.episode_length,
+        seed=seed_of(seed, EVALUATION_SEED),
+        keep=[],
+        keep_next=[keys.COVERAGE, keys.DECISIONS_TO_COVERAGE, keys.TRUNCATED],
+        views=0,
+    )
+    evaluations = [
+        Evaluation(name, one.frames, one.views, keys.INTRINSIC_REWARD)
+        for name, one in played.items()
+    ]
+    cut = [one.episodes["next", keys.TRUNCATED][:, :-1].any() for one in evaluations]
+    return [row for one in evaluations for row in one.rows()], not any(cut)

@@ -1,0 +1,142 @@
+"""`Schedule`: what a run does now, what comes after it, and when all will be done."""
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from toponav.builders import NETWORKS_FILE, pretraining_folder
+from toponav.config import ExploreConfig
+from toponav.methods import REWARDS
+from toponav.runs import write_history
+
+#: The phases of an exploration.
+PRETRAIN, EXPLORE = "pre-train", "explore"
+EVALUATE = "evaluate and train the L-network's head"
+
+#: Seconds on two cores of an AMD EPYC 9005, by ``results/main_job.json``: of the
+#: laptop scale's pre-training, a decision of exploring, an update of the L-network's
+#: head, a decision of the evaluation. Other machines take longer by about one factor.
+_PRETRAIN_S, _EXPLORE_S, _HEAD_S, _EVALUATE_S = 290.0, 0.6e-3, 19e-3, 0.8e-3
+
+
+class Schedule:
+    """Announces the phases of a run, a line each, and says how long the rest takes.
+
+    Args:
+        expected: seconds of each phase, in order, on the machine of the reference; NaN
+            where nobody knows. A machine on which the phases so far took twice as long
+            will need twice as long for the others.
+        folder: gets ``phases.csv``: when each phase ended, in seconds since this was
+            made, and how many seconds it took.
+
+    Examples:
+        >>> schedule = Schedule({"explore": 60.0, "evaluate": 30.0})
+        >>> schedule.describe("explore")
+        'phase 1 of 2: explore, then evaluate; all done in about 1.5 minutes'
+        >>> schedule.describe("evaluate")
+        'phase 2 of 2: evaluate; all done in about 0.5 minutes'
+    """
+
+    def __init__(
+        self, expected: Mapping[str, float], folder: Path | None = None
+    ) -> None:
+        self.expected, self.folder = dict(expected), folder
+        self._rows: list[dict[str, Any]] = []
+        self._made = self._began = time.monotonic()
+        self._phase = ""
+        # Seconds that the finished phases took, and were expected to take.
+        self._took = self._should = 0.0
+
+    def begin(self, phase: str, *, rest: float = 1.0) -> None:
+        """Announce a phase, unless this run has none of the name.
+
+        The one before is over. ``rest`` is the share that an earlier run left to do.
+        """
+        if phase not in self.expected:
+            return
+        self.end()
+        self.expected[phase] *= rest
+        self._phase, self._began = phase, time.monotonic()
+        # Beside the bars; standard output has the results.
+        tqdm.write(self.describe(phase), file=sys.stderr)
+
+    def end(self) -> None:
+        """The phase that runs is over, if one does."""
+        if not self._phase:
+            return
+        took, should = time.monotonic() - self._began, self.expected[self._phase]
+        if not math.isnan(should):
+            self._took += took
+            self._should += should
+        ended = time.monotonic() - self._made
+        row = {"phase": self._phase, "ended": round(ended, 1)}
+        self._rows.append(row | {"seconds": round(took, 1)})
+        self._phase = ""
+        if self.folder is not None:
+            write_history(self.folder / "phases.csv", self._rows)
+
+    def describe(self, phase: str) -> str:
+        """The line of a phase that begins now."""
+        later, first = self._later(phase), self.expected[phase]
+        names = list(self.expected)
+        text = f"phase {names.index(phase) + 1} of {len(names)}: {phase}"
+        if later:
+            text += f", then {', '.join(later)}"
+        factor = self._took / self._should if self._should else 1.0
+        known = factor * sum(later.values())
+        if math.isnan(first):
+            return f"{text}; all done about {_minutes(known)} after that"
+        return f"{text}; all done in about {_minutes(known + factor * first)}"
+
+    def left(self, share: float) -> str:
+        """How long until all is done, when a ``share`` in (0, 1] of the phase is.
+
+        It counts on the phase that runs and on those before it.
+        """
+        took = time.monotonic() - self._began
+        should = self._should + self.expected[self._phase] * share
+        factor = (self._took + took) / max(should, 1e-9)
+        rest = took * (1 / max(share, 1e-9) - 1)
+        return _minutes(rest + factor * sum(self._later(self._phase).values()))
+
+    def _later(self, phase: str) -> dict[str, float]:
+        names = list(self.expected)
+        return {name: self.expected[name] for name in names[names.index(phase) + 1 :]}
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.1f} minutes"
+
+
+def explore_schedule(settings: ExploreConfig, folder: Path) -> Schedule:
+    """The phases of an exploration with these settings, and what they should take.
+
+    The run's ``folder`` gets ``phases.csv``: seconds of each phase.
+    """
+    expected: dict[str, float] = {}
+    needed = REWARDS[settings.reward.name].needs_networks
+    given = settings.pretrained or settings.resume
+    if needed and not given:
+        found = (pretraining_folder(settings) / NETWORKS_FILE).is_file()
+        pretraining = settings.pretraining
+        usual = pretraining.scale == "laptop" and not pretraining.overrides
+        usual = usual and settings.model.encoder == "small"
+        if not found:
+            expected[PRETRAIN] = _PRETRAIN_S if usual else math.nan
+    collect = settings.collect
+    expected[EXPLORE] = collect.decisions * _EXPLORE_S
+    if collect.minutes:
+        expected[EXPLORE] = min(expected[EXPLORE], 60 * collect.minutes)
+    has_networks = needed or settings.pretrained is not None
+    decisions = 2 * settings.evaluate.episodes * settings.world.episode_length
+    expected[EVALUATE] = decisions * _EVALUATE_S
+    if has_networks and settings.locomotion.learn and not settings.online.learn:
+        # Both at once, a core each.
+        tuning = settings.locomotion.updates * _HEAD_S
+        expected[EVALUATE] = max(tuning, expected[EVALUATE])
+    return Schedule(expected, folder)
