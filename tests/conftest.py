@@ -51,7 +51,10 @@ def private_folders() -> Iterator[Path]:
     instances.note_instance = note
     yield folder
     instances.note_instance = note_instance
-    engines = _processes_naming(folder)
+    # The last test's engines may still be dying, and a zombie is waited for by whoever
+    # took it over.
+    _, engines = psutil.wait_procs(_processes_naming(folder), timeout=5)
+    engines = [engine for engine in engines if _runs(engine)]
     for engine in engines:
         engine.kill()
     memory = [path.name for path in Path("/dev/shm").glob("ViZDoom*")]
@@ -73,3 +76,10 @@ def _processes_naming(folder: Path) -> list[psutil.Process]:
             for word in process.info["cmdline"] or []
         )
     ]
+
+
+def _runs(process: psutil.Process) -> bool:
+    try:
+        return process.status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
+    except psutil.NoSuchProcess:
+        return False
