@@ -9,6 +9,7 @@ which is how the paper reports and which flatters. Where settings were drawn by 
 folder gets ``report.md``, ``report.csv`` and a figure: learning curves of explorations,
 goals that evaluations of navigation reached, accuracies of pre-trainings over the swept
 setting. Where it holds runs of several recipes, there is one of each for each of them.
+``maps.md`` and ``maps.csv`` say what the maps of explorations are worth.
 """
 
 import sys
@@ -18,7 +19,12 @@ from toponav.config import SettingsError, SweepReportConfig
 from toponav.launch import recipe
 from toponav.metrics import csv_table, markdown_table, summarize_scores
 from toponav.plotting import save_figure
-from toponav.reports import report_exploration, report_navigation, report_pretraining
+from toponav.reports import (
+    report_exploration,
+    report_maps,
+    report_navigation,
+    report_pretraining,
+)
 from toponav.runs import find_runs, write_text
 
 REPORTS = {
@@ -62,6 +68,16 @@ def main(settings: SweepReportConfig, _: Path) -> None:
         write_text(Path(f"{path}.csv"), csv_table(scores))
         save_figure(report.figure, f"{path}.png")
         texts.append(f"{table}\nwritten to {path}.md, .csv and .png")
+
+    # The maps that explorations made, where there is ground truth to judge them by.
+    maps, without = report_maps([run for run in runs if run.recipe == "explore"])
+    if maps:
+        scores = summarize_scores(maps, subject="of", unit="runs", draws=settings.draws)
+        table = markdown_table(scores)
+        remarks = "".join(f"\n- {sentence}" for sentence in without)
+        write_text(folder / "maps.md", f"{table}{remarks}".rstrip() + "\n")
+        write_text(folder / "maps.csv", csv_table(scores))
+        texts.append(f"{table}\nwritten to {folder / 'maps'}.md and .csv")
     if not texts:
         raise SettingsError(
             f"folder must hold a finished run of {' or '.join(REPORTS)}, got none in "

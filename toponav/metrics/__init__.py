@@ -18,6 +18,7 @@ from toponav.metrics.map_quality import (
     edge_lengths as edge_lengths,
     map_parts as map_parts,
     map_quality as map_quality,
+    waypoint_shares as waypoint_shares,
 )
 from toponav.metrics.navigation_metrics import (
     TRACE_KEYS as TRACE_KEYS,

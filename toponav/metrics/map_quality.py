@@ -1,6 +1,7 @@
 """How good a topological map is, by ground truth that the map itself never sees."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -108,6 +109,29 @@ def map_quality(
 def _adjacency(num_waypoints: int, edges: Tensor) -> csr_array:
     links = (np.ones(len(edges)), tuple(edges.numpy().T))
     return csr_array(links, shape=(num_waypoints, num_waypoints))
+
+
+def waypoint_shares(growth: Sequence[tuple[int, int]]) -> dict[str, float]:
+    """Shares of the first and of the last tenth of the views that became waypoints.
+
+    ``growth`` has views and waypoints so far, from (0, 0) on.
+
+    Reference:
+        The paper, eq. 11: in the end, the waypoints represent all observations.
+
+    Examples:
+        >>> waypoint_shares([(0, 0), (10, 8), (90, 18), (100, 19)])
+        {'first_waypoint_share': 0.8, 'last_waypoint_share': 0.1}
+    """
+    views, waypoints = np.array(growth, dtype=float).T
+    tenth = views[-1] / 10
+    if not tenth:
+        return dict.fromkeys(("first_waypoint_share", "last_waypoint_share"), math.nan)
+    early, late = np.interp([tenth, 9 * tenth], views, waypoints)
+    return {
+        "first_waypoint_share": float(early / tenth),
+        "last_waypoint_share": float((waypoints[-1] - late) / tenth),
+    }
 
 
 def map_parts(num_waypoints: int, edges: Tensor) -> dict[str, Any]:

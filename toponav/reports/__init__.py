@@ -14,6 +14,7 @@ from toponav.reports.exploration_report import (
     ExplorationReport as ExplorationReport,
     Timer as Timer,
 )
+from toponav.reports.map_report import report_maps as report_maps
 from toponav.reports.navigation_report import (
     episode_table as episode_table,
     markdown_summary as markdown_summary,

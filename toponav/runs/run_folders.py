@@ -17,8 +17,8 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from toponav.config import read_yaml, require
 from toponav.runs.draws import DRAWS_FILE
 
-# Settings in which the runs of one group may differ.
-_NOT_SETTINGS = ("seed", "resume")
+# Settings in which the runs of one group may differ: chance, and places of others.
+_NOT_SETTINGS = ("seed", "resume", "pretraining.folder", "evaluate.random_folder")
 
 
 class BrokenRunError(ValueError):

@@ -37,6 +37,7 @@ from toponav.metrics import (
     edge_lengths,
     map_parts,
     map_quality,
+    waypoint_shares,
 )
 from toponav.plotting import FloorPlan, draw_graph, draw_topological_map, save_figure
 from toponav.runs import write_array, write_history
@@ -54,7 +55,7 @@ class MapGrowth(Consumer):
     ``folder``, without one in memory.
     """
 
-    saved = ("map", "truth", "rows", "decisions", "pretraining_decisions")
+    saved = ("map", "truth", "rows", "decisions", "growth", "pretraining_decisions")
 
     def __init__(
         self,
@@ -84,6 +85,9 @@ class MapGrowth(Consumer):
         self._is_behind = False
         self.truth = MapTruth(world) if world.layout is not None else None
         self.decisions = 0
+        #: Views that the map was given, those of ``map.envs`` mazes, and its waypoints,
+        #: after each batch.
+        self.growth = [(0, 0)]
         self.rows: list[Row] = []
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
@@ -102,6 +106,8 @@ class MapGrowth(Consumer):
         if self.truth is not None:
             self.truth.poses.remember(batch)
         new_waypoints = self.map.extend(batch)
+        views = self.growth[-1][0] + batch.numel()
+        self.growth.append((views, len(self.map.waypoints)))
         if self.truth is not None and new_waypoints:
             self.truth.place(self.map.waypoints.origins, self.decisions)
         return {}
@@ -153,7 +159,11 @@ class MapGrowth(Consumer):
         self._wait()
         version = self.map.network_version
         snapshot = _Snapshot(
-            {"decisions": self.decisions, "networks_version": version},
+            {
+                "decisions": self.decisions,
+                "networks_version": version,
+                **waypoint_shares(self.growth),
+            },
             self.map.state_dict(views=False),
             self.map.waypoints.views.pictures(),
             self.map.edge_cost.amin(1),
@@ -242,6 +252,7 @@ class MapTruth:
         edges, cost = now.state["edges"], now.cost
         quality = map_quality(self._metric, now.poses, edges, cost)
         return {
+            "cells": int(self._metric.open_mask.sum()),
             **vars(quality),
             "decisions_to_cover": now.decisions_to_cover,
             "interaction_to_encode": now.decisions_to_cover + pretrained,
