@@ -18,6 +18,10 @@ same views: ``map.zip``, with ``topology.png``, ``map.csv`` that judges it, and
 has the views of its waypoints; the checkpoint needs it.
 """
 
+from toponav.interrupts import catch_early
+
+catch_early(__name__)
+
 import time
 from pathlib import Path
 

@@ -10,6 +10,10 @@ folder gets ``summary.csv`` and ``summary.md`` (means, 95 % intervals, and what 
 wrong), ``episodes.csv``, ``success.png``, ``path.png`` and ``walk.mp4``.
 """
 
+from toponav.interrupts import catch_early
+
+catch_early(__name__)
+
 import sys
 from pathlib import Path
 

@@ -14,6 +14,10 @@ random walk, while they learn), a report (``report.json``, and ``report.png`` in
 world with ground truth) and ``checkpoint.pt``, from which ``resume`` continues.
 """
 
+from toponav.interrupts import catch_early
+
+catch_early(__name__)
+
 import time
 from pathlib import Path
 

@@ -12,6 +12,10 @@ setting. Where it holds runs of several recipes, there is one of each for each o
 ``maps.md`` and ``maps.csv`` say what the maps of explorations are worth.
 """
 
+from toponav.interrupts import catch_early
+
+catch_early(__name__)
+
 import sys
 from pathlib import Path
 

@@ -7,6 +7,10 @@ The run folder (``runs/tour/...``) gets ``plan.png``, ``views.png`` and
 ``walk.mp4`` (or ``walk.gif``).
 """
 
+from toponav.interrupts import catch_early
+
+catch_early(__name__)
+
 from pathlib import Path
 
 import numpy as np

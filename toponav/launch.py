@@ -19,6 +19,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from toponav.config import RECIPES, SettingsError, read_yaml, require
+from toponav.interrupts import catch_as_usual
 from toponav.methods import METHODS, register
 from toponav.refusals import (
     REFUSALS,
@@ -79,7 +80,6 @@ def recipe(
             register()
             OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
             OmegaConf.register_new_resolver("log_uniform", log_uniform, replace=True)
-            signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
             # TorchRL logs every buffer that it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             # Hydra then raises instead of printing, and the sentence is ours.
@@ -89,6 +89,7 @@ def recipe(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)
             with _one_sentence(name):
+                catch_as_usual()
                 arguments = sys.argv[1:]
                 for word in arguments:
                     rule = "a setting must have a name before its equals sign"

@@ -1,0 +1,95 @@
+"""Ctrl-C and SIGTERM at a moment when a recipe still imports other modules."""
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from toponav.interrupts import catch_as_usual, catch_early
+
+REPOSITORY = Path(__file__).parent.parent
+RECIPES = sorted((REPOSITORY / "recipes").glob("*.py"))
+#: Stands for torch, which every recipe imports, and gets the signal meanwhile.
+TORCH = """
+import os, signal, time
+os.kill(os.getpid(), signal.{})
+print("went on", flush=True)
+os._exit(0)
+"""
+RUN = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='{}')"
+
+
+def interrupt(
+    recipe: Path, folder: Path, *, name: str, number: signal.Signals, ignored: bool
+) -> subprocess.CompletedProcess[str]:
+    """A recipe that is run under this ``__name__``, up to its import of torch."""
+    (folder / "torch.py").write_text(TORCH.format(number.name))
+    code = f"import sys; sys.argv[0] = sys.argv[1]; {RUN.format(name)}"
+    handler = signal.SIG_IGN if ignored else signal.SIG_DFL
+    return subprocess.run(
+        [sys.executable, "-c", code, str(recipe)],
+        env={**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{REPOSITORY}"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        # Those that a shell has put into the background ignore Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, handler),
+    )
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda path: path.stem)
+def test_ctrl_c_while_a_recipe_imports_is_one_sentence(
+    recipe: Path, tmp_path: Path
+) -> None:
+    done = interrupt(
+        recipe, tmp_path, name="__main__", number=signal.SIGINT, ignored=False
+    )
+    assert done.stderr == f"{recipe.stem}: stopped by Ctrl-C\n"
+    assert done.returncode == 128 + signal.SIGINT
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "ignored", "status"),
+    [
+        ("__main__", signal.SIGTERM, False, 128 + signal.SIGTERM),
+        ("__main__", signal.SIGINT, True, 0),
+        ("__mp_main__", signal.SIGINT, False, 0),
+    ],
+    ids=["SIGTERM", "Ctrl-C in the background", "Ctrl-C for a collecting process"],
+)
+def test_other_signals_are_silent(
+    tmp_path: Path, name: str, number: signal.Signals, ignored: bool, status: int
+) -> None:
+    recipe = REPOSITORY / "recipes/explore.py"
+    done = interrupt(recipe, tmp_path, name=name, number=number, ignored=ignored)
+    assert (done.returncode, done.stderr) == (status, "")
+    assert done.stdout == ("" if status else "went on\n")
+
+
+def test_who_imports_a_recipe_keeps_its_signals() -> None:
+    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+    importlib.reload(importlib.import_module("recipes.tour"))
+    assert before == [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+
+
+def test_ctrl_c_raises_again_once_everything_is_imported() -> None:
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        catch_early("__main__")
+        assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        catch_as_usual()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(SystemExit, match="143"):
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,47 @@
+"""Ctrl-C and SIGTERM while a recipe is still imported, which takes seconds."""
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+Handler = Callable[[int, FrameType | None], object]
+
+
+def catch_early(name: str) -> None:
+    """Answer signals from now on; a recipe's first statement.
+
+    Until `catch_as_usual` the first Ctrl-C or SIGTERM ends the process: nothing has
+    begun, and an exception might get lost in whatever is imported. Processes that a
+    recipe spawns import it too; they leave Ctrl-C to the run, which ends them, and so
+    do their engines. Any other import of the recipe changes nothing.
+
+    Args:
+        name: the ``__name__`` of the recipe.
+    """
+    if name == "__mp_main__":
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    elif name == "__main__":
+        _replace(signal.default_int_handler, _leave)
+        signal.signal(signal.SIGTERM, _leave)
+
+
+def catch_as_usual() -> None:
+    """Let Ctrl-C raise ``KeyboardInterrupt`` again, and SIGTERM ``SystemExit``."""
+    _replace(_leave, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+
+
+def _replace(before: Handler, handler: Handler) -> None:
+    # What a shell starts in the background ignores Ctrl-C, and stays so.
+    if signal.getsignal(signal.SIGINT) is before:
+        signal.signal(signal.SIGINT, handler)
+
+
+def _leave(number: int, _frame: FrameType | None) -> None:
+    if number == signal.SIGINT:
+        sentence = f"{Path(sys.argv[0]).stem}: stopped by Ctrl-C\n"
+        os.write(2, sentence.encode())  # standard error, without a lock or a buffer
+    os._exit(128 + number)
