@@ -56,11 +56,12 @@ from tqdm import tqdm
 from toponav.graph import load_map
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Seconds that a run, or what is left of one that was killed, may take.
-LIMIT_S, END_S = 240.0, 90.0
+#: Seconds that a run, or what is left of one that was killed, may take: many, since a
+#: busy machine is slow, and a hang has no end.
+LIMIT_S, END_S = 900.0, 300.0
 SMALL = ("scale=smoke", "model.embedding_dim=8", "maze.episode_length=32")
 EXPLORE = (
-    *("collect.decisions=512", "collect.max_idle_s=40", "policy.hidden=16"),
+    *("collect.decisions=512", "collect.max_idle_s=200", "policy.hidden=16"),
     *("evaluate.episodes=1", "evaluate.random_episodes=1", "report.every=128"),
     *("report.pictures_every_s=1", "report.save_every_s=0.5"),
 )
@@ -70,7 +71,7 @@ RUNS: dict[str, tuple[str, ...]] = {
         *("explore", *SMALL, *EXPLORE, "collect.mode=async", "collect.workers=2"),
     ),
     "pretrain": (
-        *("pretrain", *SMALL, "collect.max_idle_s=40", "train.save_every_s=0.01"),
+        *("pretrain", *SMALL, "collect.max_idle_s=200", "train.save_every_s=0.01"),
         *("validate.decisions=60", "validate.every=5"),
     ),
 }
