@@ -23,6 +23,8 @@ from toponav.methods import register
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "docs" / "fidelity.md").read_text(encoding="utf-8")
 PAPER = "## What scale=paper does not do to the letter"
+PAGES = ["README.md", "docs/house.md", "docs/extending.md", "docs/glossary.md"]
+PAGES += [str(path.relative_to(ROOT)) for path in (ROOT / "docs/methods").glob("*.md")]
 #: What a document's command lines have beside settings and files.
 FLAGS = {"-m"}
 #: Command lines by which the known settings are collected, and on which others build.
@@ -30,6 +32,7 @@ BASES = [
     ("explore", ()),
     ("explore", ("scale=paper",)),
     ("explore", ("reward=rnd",)),
+    ("explore", ("reward=icm",)),
     ("pretrain", ()),
     ("pretrain", ("scale=paper",)),
     ("navigate", ("maze=maze1",)),
@@ -192,9 +195,7 @@ def test_what_it_names_exists() -> None:
     assert wrong == {}
 
 
-@pytest.mark.parametrize(
-    "name", ["README.md", "docs/house.md", "docs/extending.md", "docs/glossary.md"]
-)
+@pytest.mark.parametrize("name", PAGES)
 def test_files_and_objects_of_other_pages_exist(name: str) -> None:
     text = (ROOT / name).read_text(encoding="utf-8")
     spans = re.findall(

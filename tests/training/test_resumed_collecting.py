@@ -27,6 +27,7 @@ RUNS = [
     ("reward.threshold=0.5", "collect.noisy_tv=true"),
     ("reward.threshold=0.5", "policy.input=pixels", "online.learn=true"),
     ("reward=rnd",),
+    ("reward=icm",),
     ("reward=random",),
 ]
 

@@ -3,6 +3,10 @@
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig
 from toponav.methods.rewards.coverage import CoverageMethod
+from toponav.methods.rewards.icm import (
+    ICMMethod,
+    IntrinsicCuriosity as IntrinsicCuriosity,
+)
 from toponav.methods.rewards.novelty import NoveltyMethod
 from toponav.methods.rewards.random import RandomMethod
 from toponav.methods.rewards.rnd import (
@@ -16,6 +20,7 @@ REWARDS = {
     "coverage": CoverageMethod,
     "random": RandomMethod,
     "rnd": RNDMethod,
+    "icm": ICMMethod,
 }
 
 

@@ -21,7 +21,7 @@ from toponav.transforms import PolicyPixels
 _RND = "rnd"
 _NEXT_VIEWS: NestedKey = ("next", POLICY_PIXELS)
 #: Luma of red, green and blue (ITU-R BT.601).
-_LUMA = (0.299, 0.587, 0.114)
+LUMA = (0.299, 0.587, 0.114)
 #: Bound on a normalised pixel, in standard deviations.
 _CLIP = 5.0
 #: Views converted at once, so that a long rollout needs no float copy of itself.
@@ -37,7 +37,7 @@ class GreyFrames(nn.Module):
         super().__init__()
         self.image_size = image_size
         self.statistics = RunningMeanStd(image_size)
-        self.register_buffer("luma", torch.tensor(_LUMA) / 255, persistent=False)
+        self.register_buffer("luma", torch.tensor(LUMA) / 255, persistent=False)
 
     def forward(self, pixels: Tensor) -> Tensor:
         """``[*B, H, W, 3]``, uint8, to ``[N, 1, H, W]``."""

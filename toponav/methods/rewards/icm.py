@@ -1,0 +1,283 @@
+"""Intrinsic curiosity: pays for views that an action leads to unforeseen."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from omegaconf import MISSING
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor, nn
+from torch.nn import functional as F  # noqa: N812
+from torch.nn.utils import clip_grad_norm_
+from torchrl.data import Composite, TensorSpec, Unbounded
+from torchrl.envs.transforms import Transform
+
+from toponav.builders import Networks, RewardMethod, World
+from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
+from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD, PIXELS
+from toponav.methods.rewards.rnd import LUMA
+from toponav.transforms import PolicyPixels
+
+#: The name under which the networks are published.
+_ICM = "icm"
+_NEXT_STACK: NestedKey = ("next", FRAME_STACK)
+#: Convolutions of the encoder, channels of each, and width of the other layers.
+_CONVOLUTIONS, _WIDTH, _HIDDEN = 4, 32, 256
+
+
+class GreyStack(Transform):
+    """Writes the last views of an episode, small and grey; black before its first one.
+
+    They ride in the tensordict: the newest is last, and a step adds to those before.
+
+    Args:
+        size: height and width of the small views in pixels.
+        frames: number K of views.
+
+    Examples:
+        >>> start = TensorDict({"pixels": torch.full((1, 8, 8, 3), 200).byte()}, [1])
+        >>> stack = GreyStack((1, 1), frames=3)._reset(None, start)["frame_stack"]
+        >>> stack.flatten()
+        tensor([  0,   0, 200], dtype=torch.uint8)
+    """
+
+    def __init__(self, size: tuple[int, int], frames: int) -> None:
+        super().__init__(in_keys=[PIXELS], out_keys=[FRAME_STACK])
+        if frames < 1:
+            raise ValueError(f"frames must be at least 1, got {frames}.")
+        self.frames = frames
+        self.shrink = PolicyPixels(size)
+
+    def _step(
+        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
+    ) -> TensorDictBase:
+        return self._append(tensordict.get(FRAME_STACK), next_tensordict)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        # Rows that go on keep what they had: TorchRL merges this by the mask.
+        size, device = self.shrink.size, tensordict_reset.device
+        shape = (*tensordict_reset.batch_size, *size, self.frames)
+        black = torch.zeros(shape, dtype=torch.uint8, device=device)
+        return self._append(black, tensordict_reset)
+
+    def _append(self, earlier: Tensor, following: TensorDictBase) -> TensorDictBase:
+        small = self.shrink._apply_transform(following.get(PIXELS))
+        grey = small.float() @ torch.tensor(LUMA, device=small.device)
+        newest = grey.round().to(torch.uint8).unsqueeze(-1)
+        return following.set(FRAME_STACK, torch.cat([earlier[..., 1:], newest], -1))
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        view: TensorSpec = observation_spec[PIXELS]
+        shape = (*view.shape[:-3], *self.shrink.size, self.frames)
+        spec = Unbounded(shape, view.device, torch.uint8)
+        return observation_spec.set(FRAME_STACK, spec)
+
+
+class IntrinsicCuriosity(nn.Module):
+    """Features of views, a model that predicts them, and one that names the action.
+
+    The inverse model tells from the features of two successive views which action was
+    taken, so that they hold what actions change. The forward model predicts the later
+    features from the earlier ones and the action.
+
+    Reference:
+        Pathak et al., "Curiosity-driven Exploration by Self-supervised Prediction"
+        (2017), section 2.2; sizes and first weights are those of their code.
+
+    Args:
+        num_actions: number A of actions.
+        size: height and width of the views in pixels.
+        frames: number K of views in a stack.
+        forward_trains_features: whether the forward model's error reaches the features,
+            as in the authors' code; if not, the inverse model alone trains them.
+
+    Examples:
+        >>> icm = IntrinsicCuriosity(6)
+        >>> stacks = torch.randint(256, (2, 5, 42, 42, 4), dtype=torch.uint8)
+        >>> logits, error = icm(stacks[0], torch.zeros(5, dtype=torch.int64), stacks[1])
+        >>> logits.shape, error.shape
+        (torch.Size([5, 6]), torch.Size([5]))
+    """
+
+    def __init__(
+        self,
+        num_actions: int,
+        *,
+        size: tuple[int, int] = (42, 42),
+        frames: int = 4,
+        forward_trains_features: bool = True,
+    ) -> None:
+        super().__init__()
+        self.num_actions = num_actions
+        self.forward_trains_features = forward_trains_features
+        layers: list[nn.Module] = []
+        for channels, width in pairwise([frames] + [_WIDTH] * _CONVOLUTIONS):
+            convolution = nn.Conv2d(channels, width, 3, stride=2, padding=1)
+            nn.init.xavier_uniform_(convolution.weight)
+            assert convolution.bias is not None
+            nn.init.zeros_(convolution.bias)
+            layers += [convolution, nn.ELU()]
+        self.encoder = nn.Sequential(*layers, nn.Flatten())
+        with torch.no_grad():
+            feature_dim = self.encoder(torch.zeros(1, frames, *size)).shape[-1]
+        self.inverse_model = _two_layers(2 * feature_dim, num_actions)
+        self.forward_model = _two_layers(feature_dim + num_actions, feature_dim)
+
+    def features(self, stacks: Tensor) -> Tensor:
+        """Stacks, uint8 ``[N, H, W, K]``, to features, ``[N, D]``."""
+        features: Tensor = self.encoder(stacks.permute(0, 3, 1, 2).float() / 255)
+        return features
+
+    def forward(
+        self, before: Tensor, action: Tensor, after: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """The inverse model's logits and the forward model's error of decisions.
+
+        Args:
+            before: stacks before each decision, ``[*B, H, W, K]``.
+            action: its number, ``[*B]``.
+            after: stacks after it.
+
+        Returns:
+            Logits, ``[*B, A]``, and half the squared distance between the later
+            features and their prediction, ``[*B]``.
+        """
+        shape = action.shape
+        stacks = torch.stack([before, after]).flatten(0, -4)
+        earlier, later = self.features(stacks).chunk(2)
+        logits: Tensor = self.inverse_model(torch.cat([earlier, later], -1))
+        if not self.forward_trains_features:
+            earlier, later = earlier.detach(), later.detach()
+        one_hot = F.one_hot(action.reshape(-1).long(), self.num_actions)
+        predicted = self.forward_model(torch.cat([earlier, one_hot], -1))
+        error = 0.5 * (predicted - later).square().sum(-1)
+        return logits.reshape(*shape, -1), error.reshape(shape)
+
+
+def _two_layers(inputs: int, outputs: int) -> nn.Sequential:
+    """Two linear layers with weights of norm 0.01 for each unit."""
+    layers = nn.Linear(inputs, _HIDDEN), nn.ReLU(), nn.Linear(_HIDDEN, outputs)
+    for layer in layers[::2]:
+        weight = F.normalize(torch.randn_like(layer.weight), dim=-1)
+        layer.weight.data.copy_(0.01 * weight)
+        nn.init.zeros_(layer.bias)
+    return nn.Sequential(*layers)
+
+
+class CuriosityReward(Transform):
+    """Pays ``eta`` times the forward model's error of each decision.
+
+    Put it after a `GreyStack`.
+
+    Args:
+        icm: the networks.
+        eta: scale of the reward.
+    """
+
+    def __init__(self, icm: IntrinsicCuriosity, eta: float) -> None:
+        super().__init__(in_keys=[FRAME_STACK, ACTION], out_keys=[INTRINSIC_REWARD])
+        self.icm = icm
+        self.eta = eta
+
+    @torch.no_grad()
+    def _step(
+        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
+    ) -> TensorDictBase:
+        before, action = tensordict.get(FRAME_STACK), tensordict.get(ACTION)
+        _, error = self.icm(before, action, next_tensordict.get(FRAME_STACK))
+        return next_tensordict.set(INTRINSIC_REWARD, self.eta * error.unsqueeze(-1))
+
+    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
+        spec = Unbounded((*reward_spec.shape, 1), reward_spec.device, torch.float32)
+        return reward_spec.set(INTRINSIC_REWARD, spec)
+
+
+@dataclass
+class ICMConfig(RewardConfig):
+    """Settings of ``reward=icm``."""
+
+    eta: float = above(0)
+    beta: float = between(0, 1)
+    lr: float = above(0)
+    max_grad_norm: float = above(0)
+    view_size: int = at_least(1)
+    frames: int = at_least(1)
+    forward_trains_features: bool = MISSING
+    update_fraction: float = between(0.001, 1)
+    minibatches: int = at_least(1)
+
+
+class ICMMethod(RewardMethod):
+    """The error with which a model predicts the features of the next view.
+
+    The collecting processes compute it, by the newest networks that were there before
+    their rollout; the networks are trained here, on each batch.
+    """
+
+    schema = ICMConfig
+    config: ICMConfig
+    # The error of any view falls while the forward model learns.
+    selection_metric = None
+    reward_key = INTRINSIC_REWARD
+    in_keys = (FRAME_STACK, ACTION, _NEXT_STACK)
+    saved = ("icm", "optimizer")
+
+    def __init__(
+        self, settings: ExploreConfig, world: World, networks: Networks | None
+    ) -> None:
+        super().__init__(settings, world, networks)
+        config = self.config
+        self.size = (config.view_size, config.view_size)
+        with torch.random.fork_rng():
+            torch.manual_seed(settings.seed)
+            self.icm = IntrinsicCuriosity(
+                world.spec.num_actions,
+                size=self.size,
+                frames=config.frames,
+                forward_trains_features=config.forward_trains_features,
+            )
+        self.optimizer = torch.optim.Adam(self.icm.parameters(), lr=config.lr)
+
+    def modules(self) -> dict[str, nn.Module]:
+        return {_ICM: self.icm}
+
+    def updated(self) -> Collection[str]:
+        return (_ICM,)
+
+    def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
+        stack = GreyStack(self.size, self.config.frames)
+        return [stack, CuriosityReward(self.icm, self.config.eta)]
+
+    def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
+        """Train both models on a part of a batch's decisions.
+
+        Returns:
+            Means of both losses, and the share of actions that the inverse model names.
+        """
+        config = self.config
+        entries = [batch.get(key).flatten(0, 1) for key in self.in_keys]
+        num_trained = max(round(config.update_fraction * batch.numel()), 1)
+        rows = torch.randperm(batch.numel())[:num_trained]
+        measured = [
+            self._step(*(entry[piece] for entry in entries))
+            for piece in rows.chunk(config.minibatches)
+        ]
+        names = ("loss_inverse", "loss_forward", "inverse_accuracy")
+        means = torch.tensor(measured).mean(0).tolist()
+        return dict(zip(names, means, strict=True))
+
+    def _step(
+        self, before: Tensor, action: Tensor, after: Tensor
+    ) -> tuple[float, float, float]:
+        logits, error = self.icm(before, action, after)
+        inverse, forward = F.cross_entropy(logits, action), error.mean()
+        beta = self.config.beta
+        self.optimizer.zero_grad()
+        ((1 - beta) * inverse + beta * forward).backward()
+        clip_grad_norm_(self.icm.parameters(), self.config.max_grad_norm)
+        self.optimizer.step()
+        accuracy = (logits.argmax(-1) == action).float().mean()
+        return float(inverse.detach()), float(forward.detach()), float(accuracy)
