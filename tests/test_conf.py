@@ -141,7 +141,7 @@ def test_each_recipe_composes_at_each_scale(
 
 
 @pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
-@pytest.mark.parametrize("loss", ["ppo", "a3c"])
+@pytest.mark.parametrize("loss", ["ppo", "a3c", "trpo"])
 @pytest.mark.parametrize("reward", ["novelty", "coverage", "random", "rnd", "icm"])
 def test_each_method_composes_at_each_scale(scale: str, loss: str, reward: str) -> None:
     found = settings("explore", f"scale={scale}", f"loss={loss}", f"reward={reward}")

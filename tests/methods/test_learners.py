@@ -1,4 +1,4 @@
-"""PPO and A3C as learners of an exploration."""
+"""PPO, A3C and TRPO as learners of an exploration."""
 
 import copy
 from collections.abc import Mapping
@@ -13,10 +13,14 @@ from toponav.methods import LEARNERS, ActorCriticLearner
 from toponav.methods.learners.actor_critic import linear_decay
 from toponav.objectives import A3CLoss, SharedRMSProp
 
-BOTH = pytest.mark.parametrize(
+ALL = pytest.mark.parametrize(
     "overrides",
-    [("loss=ppo",), ("loss=a3c", "loss.normalize_returns=false")],
-    ids=["ppo", "a3c"],
+    [
+        ("loss=ppo",),
+        ("loss=a3c", "loss.normalize_returns=false"),
+        ("loss=trpo", "loss.rollout=32", "loss.critic_minibatches=4"),
+    ],
+    ids=["ppo", "a3c", "trpo"],
 )
 
 
@@ -42,7 +46,7 @@ def weights(learner: ActorCriticLearner) -> torch.Tensor:
     return torch.cat([one.detach().flatten() for one in learner.policy.parameters()])
 
 
-@BOTH
+@ALL
 def test_a_learner_that_was_saved_continues_exactly(overrides: tuple[str, ...]) -> None:
     config = explore_settings(*overrides)
     whole, other = make_learner(*overrides), make_learner(*overrides, seed=1)
@@ -56,7 +60,7 @@ def test_a_learner_that_was_saved_continues_exactly(overrides: tuple[str, ...]) 
     assert whole.updates == other.updates
 
 
-@BOTH
+@ALL
 def test_learning_changes_all_of_the_network(overrides: tuple[str, ...]) -> None:
     learner = make_learner(*overrides)
     before = copy.deepcopy(learner.policy)
@@ -67,7 +71,7 @@ def test_learning_changes_all_of_the_network(overrides: tuple[str, ...]) -> None
         assert not torch.equal(old, new), name
 
 
-@BOTH
+@ALL
 def test_a_batch_with_only_the_keys_it_asks_for_is_enough(
     overrides: tuple[str, ...],
 ) -> None:
@@ -129,6 +133,8 @@ def test_a_loss_that_is_not_finite_stops_before_the_weights_change() -> None:
         # 4 environments of 32 decisions make 8 sequences of 16.
         (["loss.minibatches=9"], "loss.minibatches must be at most 8, the sequences"),
         (["loss=a3c", "loss.decay=2"], r"loss.decay must lie in \[0, 1\], got 2"),
+        (["loss=trpo", "loss.max_kl=0"], "loss.max_kl must be above 0, got 0"),
+        (["loss=trpo", "loss.critic_minibatches=999", "loss.rollout=8"], "at most 32,"),
         (["loss=a3c", "loss.eps=0"], "loss.eps must be above 0, got 0"),
     ],
 )
@@ -150,3 +156,45 @@ def test_a_narrow_clip_lets_the_policy_change_less() -> None:
         return float((ratio - 1).abs().mean())
 
     assert moved(0.01) < 0.8 * moved(0.5)
+
+
+def test_trpo_keeps_its_bound_and_its_critic_is_a_head() -> None:
+    words = ("loss=trpo", "loss.rollout=32", "loss.critic_minibatches=4")
+    moved = {}
+    for bound in (1e-4, 1e-2):
+        learner = make_learner(*words, f"loss.max_kl={bound}")
+        own = learner.loss.policy_parameters()
+        before = [one.detach().clone() for one in own]
+        measured = learner.extend(make_batch(explore_settings(*words)))
+        assert 0 < measured["kl"] <= bound
+        assert measured["loss_objective"] < 0 < measured["step_share"] <= 1
+        steps = [(one - old).norm() for one, old in zip(own, before, strict=True)]
+        moved[bound] = float(torch.stack(steps).norm())
+    assert moved[1e-2] > 5 * moved[1e-4]
+    # The critic's passes touch nothing that the policy reads.
+    learner = make_learner(*words)
+    batch = learner.loss.prepare(learner.scale(make_batch(explore_settings(*words))))
+    old = copy.deepcopy(learner.policy)
+    for piece in learner.minibatches(batch):
+        learner.descend(learner.loss.critic_loss(piece), {})
+    changed = {
+        name.split(".")[0]
+        for name, value in learner.policy.named_parameters()
+        if not torch.equal(value, old.get_parameter(name))
+    }
+    assert changed == {"critic"}
+
+
+def test_trpo_stops_at_a_reward_that_is_not_finite() -> None:
+    def check(figures: Mapping[str, float], update: int) -> None:
+        if any(value != value for value in figures.values()):
+            raise TrainingError(f"{sorted(figures)} in {update}")
+
+    words = ("loss=trpo", "loss.rollout=32", "loss.critic_minibatches=4")
+    learner = make_learner(*words, check=check)
+    before = weights(learner).clone()
+    batch = make_batch(explore_settings(*words))
+    batch["next", "intrinsic_reward"][0, 3] = torch.nan
+    with pytest.raises(TrainingError, match="loss_objective"):
+        learner.extend(batch)
+    assert torch.equal(before, weights(learner))

@@ -8,3 +8,8 @@ from toponav.objectives.recurrent_ppo_loss import (
 )
 from toponav.objectives.return_scale import ReturnScale as ReturnScale
 from toponav.objectives.shared_rmsprop import SharedRMSProp as SharedRMSProp
+from toponav.objectives.trpo_loss import TRPOLoss as TRPOLoss
+from toponav.objectives.trust_region import (
+    TrustRegion as TrustRegion,
+    conjugate_gradient as conjugate_gradient,
+)

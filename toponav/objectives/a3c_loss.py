@@ -12,9 +12,7 @@ from tensordict.nn import (
     dispatch,
 )
 from torch import Tensor
-from torch.distributions import Categorical
 from torch.nn import functional as F  # noqa: N812
-from torchrl.modules import MaskedCategorical
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.utils import distance_loss
 
@@ -22,6 +20,7 @@ from toponav import keys
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
+    action_log_prob,
     action_numbers,
     bootstrapped_advantage,
     read_entry,
@@ -169,18 +168,8 @@ class A3CLoss(GAEMixin, LossModule):
             return log_prob, entropy, state_value
         # A shallow copy, so that the caller's batch is left alone.
         policy = self.actor_network.get_dist(tensordict.copy())
-        # Not batch_shape and event_shape: TorchRL's one-hot policies have no latter.
-        expected = policy.mode.shape
-        if action.shape != expected:
-            raise ValueError(
-                f"action must have the shape {list(expected)} of the policy's "
-                f"{type(policy).__name__}, got {list(action.shape)}."
-            )
-        # A sparse mask leaves fewer logits than there are actions.
-        masked = isinstance(policy, MaskedCategorical)
-        if isinstance(policy, Categorical) and not masked:
-            action_numbers(action, policy.logits.shape[-1], policy.logits.shape[:-1])
-        return policy.log_prob(action), policy.entropy(), self._judge(tensordict)
+        log_prob = action_log_prob(policy, action)
+        return log_prob, policy.entropy(), self._judge(tensordict)
 
     def _judge(self, tensordict: TensorDictBase) -> Tensor:
         network: Any = self.critic_network

@@ -6,7 +6,9 @@ from typing import Any, Protocol, Self
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
+from torch.distributions import Categorical, Distribution
 from torch.nn import functional as F  # noqa: N812
+from torchrl.modules import MaskedCategorical
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.value import GAE
 
@@ -56,6 +58,22 @@ def action_numbers(action: Tensor, num_actions: int, shape: torch.Size) -> Tenso
     if wrong.any():
         raise ValueError(f"action must be one-hot, got {action[wrong][0].tolist()}.")
     return numbers
+
+
+def action_log_prob(policy: Distribution, action: Tensor) -> Tensor:
+    """The log-probability ``[*B]`` of actions as the policy draws them."""
+    # Not batch_shape and event_shape: TorchRL's one-hot policies have no latter.
+    expected = policy.mode.shape
+    if action.shape != expected:
+        raise ValueError(
+            f"action must have the shape {list(expected)} of the policy's "
+            f"{type(policy).__name__}, got {list(action.shape)}."
+        )
+    # A sparse mask leaves fewer logits than there are actions.
+    masked = isinstance(policy, MaskedCategorical)
+    if isinstance(policy, Categorical) and not masked:
+        action_numbers(action, policy.logits.shape[-1], policy.logits.shape[:-1])
+    return policy.log_prob(action)
 
 
 class GAEMixin:

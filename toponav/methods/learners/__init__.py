@@ -6,9 +6,11 @@ from toponav.methods.learners.actor_critic import (
     ActorCriticLearner as ActorCriticLearner,
 )
 from toponav.methods.learners.ppo import PPOLearner
+from toponav.methods.learners.trpo import TRPOLearner
 
 #: By the name of their settings, ``conf/loss/<name>.yaml``.
 LEARNERS: dict[str, type[Learner]] = {
     "ppo": PPOLearner,
     "a3c": A3CLearner,
+    "trpo": TRPOLearner,
 }

@@ -110,12 +110,7 @@ class ActorCriticLearner(Learner):
             Means of the losses and of the policy's entropy over the batch's updates,
             and the learning rate.
         """
-        config, progress = self.config, self.progress()
-        lr = config.lr * linear_decay(config.final_lr, progress)
-        for group in self.optimizer.param_groups:
-            group["lr"] = lr
-        share = linear_decay(config.final_entropy, progress)
-        self.loss.entropy_coeff.fill_(config.entropy_coeff * share)
+        lr = self.schedule()
         pieces = self.minibatches(self.scale(batch).to(self.device))
         measured = [self._step(piece) for piece in pieces]
         means = {
@@ -124,15 +119,29 @@ class ActorCriticLearner(Learner):
         }
         return means | {"lr": lr}
 
-    def _step(self, batch: TensorDictBase) -> dict[str, float]:
-        losses = self.loss(batch)
-        total: Tensor = sum(losses[name] for name in _LOSSES)
-        measured = {name: float(losses[name].detach()) for name in _LOGGED}
+    def schedule(self) -> float:
+        """Set what falls over the run; returns the learning rate."""
+        config, progress = self.config, self.progress()
+        lr = config.lr * linear_decay(config.final_lr, progress)
+        for group in self.optimizer.param_groups:
+            group["lr"] = lr
+        share = linear_decay(config.final_entropy, progress)
+        self.loss.entropy_coeff.fill_(config.entropy_coeff * share)
+        return lr
+
+    def descend(self, loss: Tensor, measured: Mapping[str, float]) -> None:
+        """One step of the optimiser, unless a number of it is not finite."""
         self.check(measured, self.updates)
         self.optimizer.zero_grad()
-        total.backward()
+        loss.backward()
         norm = clip_grad_norm_(self.policy.parameters(), self.config.max_grad_norm)
         self.check({"gradient_norm": float(norm)}, self.updates)
         self.optimizer.step()
         self.updates += 1
+
+    def _step(self, batch: TensorDictBase) -> dict[str, float]:
+        losses = self.loss(batch)
+        total: Tensor = sum(losses[name] for name in _LOSSES)
+        measured = {name: float(losses[name].detach()) for name in _LOGGED}
+        self.descend(total, measured)
         return measured
