@@ -220,9 +220,41 @@ def test_a_gradient_that_is_zero_or_not_finite_moves_nothing(reward: float) -> N
     batch = loss.prepare(batch)
     batch.set("advantage", torch.full_like(batch["advantage"], reward))
     before = flat_weights(loss)
-    done = make_region(loss).step(evaluate_of(loss, batch))
+    calls = []
+
+    def evaluate() -> tuple[Tensor, Tensor]:
+        calls.append(1)
+        return evaluate_of(loss, batch)()
+
+    done = make_region(loss).step(evaluate)
     assert torch.equal(flat_weights(loss), before)
     assert done["step"] == 0
+    # No step is tried.
+    assert len(calls) == 1
+
+
+def test_the_curvature_may_be_of_something_else() -> None:
+    weight = nn.Parameter(torch.tensor([1.0]))
+
+    def evaluate() -> tuple[Tensor, Tensor]:
+        return weight.sum(), 0.5 * (weight - 1).square().sum()
+
+    region = TrustRegion([weight], max_kl=0.02, damping=0.0)
+    done = region.step(evaluate, lambda: 4 * evaluate()[1])
+    # Four times as curved, half as long: sqrt(2 * 0.02 / 4).
+    assert done["step"] == 1
+    assert float(weight.detach()) == pytest.approx(0.9)
+
+
+def test_the_divergence_is_from_the_old_policy_to_the_new_one() -> None:
+    loss, batch = make_categorical()
+    batch = loss.prepare(batch)
+    old = batch["logits"].log_softmax(-1)
+    with torch.no_grad():
+        loss.actor_network[0].module.bias += torch.tensor([2.0, 0, -1])
+    new = loss.actor_network(batch.copy())["logits"].log_softmax(-1)
+    expected = (old.exp() * (old - new)).sum(-1).mean()
+    torch.testing.assert_close(loss.policy_terms(batch)["kl"], expected)
 
 
 @BOTH
