@@ -149,3 +149,11 @@ def test_an_empty_storage_has_no_episodes() -> None:
 def test_a_place_knows_its_run() -> None:
     episodes = Episodes.from_lengths([3, 1, 2])
     assert episodes.run_of(torch.arange(6)).tolist() == [0, 0, 0, 1, 2, 2]
+
+
+@pytest.mark.parametrize("key", ["step_count", TRAJECTORY])
+def test_frames_without_their_place_are_refused(key: str | tuple[str, str]) -> None:
+    buffer = ReplayBuffer(storage=LazyTensorStorage(9))
+    buffer.extend(make_frames([4]).exclude(key))
+    with pytest.raises(KeyError, match=r"traj_ids.*collectors write.*StepCounter"):
+        find_episodes(buffer._storage)

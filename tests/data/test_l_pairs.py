@@ -77,6 +77,9 @@ def test_mined_pairs_by_hand() -> None:
         [5],
     ).reshape(5, 1)
     pairs = LPairs(2).mine(frames)
+    one_hot = torch.nn.functional.one_hot(frames["action"], 6)
+    other = LPairs(2).mine(frames.copy().set("action", one_hot))
+    assert torch.equal(other["action"], pairs["action"])
     found = {
         (int(a), int(b), int(action)): float(weight)
         for a, b, action, weight in zip(

@@ -109,3 +109,8 @@ def test_there_must_be_sequences_and_pairs():
         calibrate_share([], target_share=MAP_SHARE)
     with pytest.raises(ValueError, match="must hold two observations"):
         calibrate_reach(walks(1, 1), tc_threshold=0.9)
+
+
+def test_a_network_of_another_kind_is_refused():
+    with pytest.raises(TypeError, match="got Linear without prepare_memory, comp"):
+        WalkWaypoints(torch.zeros(3, 2), torch.nn.Linear(2, 2))

@@ -99,3 +99,26 @@ def test_what_a_full_map_has_no_waypoint_for_is_nowhere() -> None:
     backed = make_map(capacity=2, edges="time", nearby=1)
     assert backed.add_episode(episode(0, 60, 20, 60, 0)).tolist() == [0, 1, -1, 1, 0]
     assert backed.graph.traversals.tolist() == [[1, 1]]
+
+
+def test_a_map_takes_views_with_channels_first() -> None:
+    rules = MapRules(tc_threshold=0.9, tc_reach=0.75, window=0, search_window=0)
+    data = episode(0, 30, 60, views=True).exclude("embedding")
+
+    def embed_first(views: torch.Tensor) -> torch.Tensor:
+        assert views.shape[1:] == (3, 2, 2)
+        return embed(views)
+
+    usual = TopologicalMap(embed, compare, rules)
+    other = TopologicalMap(embed_first, compare, rules, channels="CHW")
+    usual.add_episode(data)
+    first = data.clone()
+    first["network_pixels"] = first["network_pixels"].movedim(-1, -3)
+    other.add_episode(first)
+    assert first["network_pixels"].shape == (3, 3, 2, 2)
+    assert torch.equal(usual.waypoints.images, other.waypoints.images)
+    other.refresh(1)
+    assert torch.equal(usual.embeddings, other.embeddings)
+    wide = torch.zeros(3, 3, 4, 5, dtype=torch.uint8)
+    with pytest.raises(ValueError, match=r"network_pixels' must be .* channels='CHW'"):
+        usual.add_episode(first.set("network_pixels", wide))

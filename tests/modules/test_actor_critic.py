@@ -281,8 +281,23 @@ def test_weights_round_trip_and_copies_are_independent() -> None:
 
 def test_a_missing_state_says_what_to_add() -> None:
     network = make_network()
-    with pytest.raises(KeyError, match=r"add make_tensordict_primer\(\)"):
+    with pytest.raises(KeyError, match=r"add the policy's make_tensordict_primer\(\)"):
         network(make_decision(network, 2).exclude("recurrent_state"))
+
+
+@pytest.mark.parametrize(
+    ("key", "writer"),
+    [
+        ("embedding", "WaypointMemory or EmbedViews"),
+        ("previous_action", "PreviousAction"),
+        ("previous_reward", "PreviousReward"),
+        ("is_init", "TorchRL's InitTracker"),
+    ],
+)
+def test_what_is_missing_is_named_with_what_writes_it(key: str, writer: str) -> None:
+    network = make_network()
+    with pytest.raises(KeyError, match=f"must have '{key}': add {writer} to the env's"):
+        network(make_decision(network, 2).exclude(key))
 
 
 def test_without_the_primer_an_env_is_refused_too() -> None:

@@ -1,7 +1,9 @@
 import pytest
 import torch
 
+from toponav.modules import ActorCritic, ResNet18, SmallEncoder
 from toponav.modules.encoders import check_pixels, compute_dtype, pixels_to_planes
+from toponav.modules.policy_trunks import PixelTrunk
 
 
 def test_planes_are_the_image_scaled_without_moving_a_pixel() -> None:
@@ -43,3 +45,26 @@ def test_autocast_decides_the_dtype_and_the_weight_otherwise() -> None:
     assert compute_dtype(weight.double()) == torch.float64
     with torch.autocast("cpu", dtype=torch.bfloat16):
         assert compute_dtype(weight) == torch.bfloat16
+
+
+@pytest.mark.parametrize("network", [SmallEncoder, ResNet18, PixelTrunk])
+def test_channels_first_gives_the_same_code(network: type[torch.nn.Module]) -> None:
+    last = network(8, image_size=(32, 48)).eval()
+    first = network(8, image_size=(32, 48), channels="CHW").eval()
+    first.load_state_dict(last.state_dict())
+    image = torch.randint(0, 256, (2, 3, 32, 48, 3), dtype=torch.uint8)
+    planes = image.movedim(-1, -3).contiguous()
+    with torch.no_grad():
+        wanted = last(image)
+        torch.testing.assert_close(first(planes), wanted, atol=1e-4, rtol=1e-3)
+        torch.testing.assert_close(first(planes / 255), wanted, atol=1e-4, rtol=1e-3)
+    with pytest.raises(ValueError, match=r"\[3, 32, 48\].*channels='CHW'.* got \[2, 3"):
+        first(image)
+    with pytest.raises(ValueError, match=r"\('HWC', 'CHW'\), got 'NCHW'"):
+        network(8, image_size=(32, 48), channels="NCHW")
+
+
+def test_the_policy_reads_views_with_channels_first() -> None:
+    policy = ActorCritic(num_actions=2, image_size=(20, 24), channels="CHW")
+    views = torch.zeros(1, 3, 20, 24, dtype=torch.uint8)
+    assert policy.trunk(views).shape == (1, 256)

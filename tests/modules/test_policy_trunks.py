@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch.nn import functional as F  # noqa: N812
 
-from toponav.modules.encoders import EmbeddingTrunk, PixelTrunk
+from toponav.modules.policy_trunks import EmbeddingTrunk, PixelTrunk
 
 
 def test_bytes_and_floats_of_the_same_image_give_the_same_code() -> None:

@@ -84,3 +84,8 @@ def test_a_copy_and_a_loaded_network_give_the_same(tmp_path: Path) -> None:
     a, b = pixels(2, 3)
     assert torch.equal(loaded(a, b), network(a, b))
     assert torch.equal(copy.deepcopy(network)(a, b), network(a, b))
+
+
+def test_a_comparator_of_another_kind_is_refused() -> None:
+    with pytest.raises(TypeError, match="got Linear without prepare, compare"):
+        TCNetwork(torch.nn.Identity(), torch.nn.Linear(2, 2))  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from toponav.modules import ActorCritic
 
 
 class CueCorridor(EnvBase):
-    """Episodes of 3 or 4 decisions; the last one earns 1 or -1.
+    """Episodes of 3 to ``longest`` decisions; the last one earns 1 or -1.
 
     The first view shows one of two signs, the last one a junction, where the action of
     the sign's number is right. What lies between shows nothing, the previous action is
@@ -94,7 +94,10 @@ def make_network(seed: int = 0, *, num_actions: int = 2, size: int = 32) -> Acto
     )
 
 
-def make_env(network: ActorCritic, num_envs: int, *, seed: int = 0) -> EnvBase:
+def make_env(
+    network: ActorCritic, num_envs: int, *, seed: int = 0, longest: int = 4
+) -> EnvBase:
     """The corridor with what a recurrent policy needs."""
     transforms = Compose(InitTracker(), network.make_tensordict_primer())
-    return TransformedEnv(CueCorridor(num_envs, seed=seed), transforms)
+    corridor = CueCorridor(num_envs, seed=seed, longest=longest)
+    return TransformedEnv(corridor, transforms)

@@ -7,7 +7,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 
 from tests.objectives.slices import collected_slice, n_step_returns
-from toponav.objectives import A3CLoss, RecurrentPPOLoss
+from toponav.objectives import A3CLoss, RecurrentPPOLoss, SequenceMinibatches
 
 
 class Given(nn.Module):
@@ -267,9 +267,21 @@ def test_given_targets_of_another_shape_are_refused() -> None:
             A3CLoss(network)(flat)
 
 
+def test_a_flat_batch_is_refused() -> None:
+    network, batch = collected_slice()
+    message = r"must be \[\*B, T\].* got \[18\]: .*unsqueeze\(0\).*reshape\(-1, T"
+    for loss in (A3CLoss(network), RecurrentPPOLoss(network)):
+        with pytest.raises(ValueError, match=message):
+            loss(batch.reshape(-1))
+    with pytest.raises(ValueError, match=message):
+        RecurrentPPOLoss(network).estimate_advantage(batch.reshape(-1))
+    with pytest.raises(ValueError, match=message):
+        next(iter(SequenceMinibatches(6, num_minibatches=1)(batch.reshape(-1))))
+
+
 def test_a_batch_without_time_is_refused() -> None:
     network, batch = collected_slice()
-    with pytest.raises(ValueError, match=r"with time last, got \[\]"):
+    with pytest.raises(ValueError, match=r"rows of T successive decisions, got \[\]"):
         A3CLoss(network)(batch[0, 0])
 
 
@@ -300,7 +312,8 @@ def test_actions_that_nobody_can_take_are_refused() -> None:
 
 def test_arguments_out_of_range_are_refused() -> None:
     network, batch = collected_slice()
-    with pytest.raises(ValueError, match=r"critic_network must be .* got Linear alone"):
+    message = r"without a critic_network must be .* got Linear without in_keys, unroll,"
+    with pytest.raises(TypeError, match=message):
         A3CLoss(nn.Linear(2, 2))
     with pytest.raises(KeyError, match="must have 'action', the key of action"):
         A3CLoss(network)(batch.exclude("action"))

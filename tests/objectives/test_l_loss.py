@@ -150,5 +150,22 @@ def test_it_overfits_one_batch() -> None:
 def test_shapes_that_differ_are_refused() -> None:
     pairs = make_pairs(16)
     pairs["action"] = pairs["action"].unsqueeze(-1)
-    with pytest.raises(ValueError, match=r"must have the shape \[16\].*got \[16, 1\]"):
+    with pytest.raises(ValueError, match=r"shape \[16\] or one-hot .*got \[16, 1\]"):
         make_loss(Head())(pairs)
+
+
+def test_one_hot_actions_give_the_same_loss() -> None:
+    pairs = make_pairs(16)
+    loss = make_loss(Head())
+    expected = loss(pairs)
+    logits = loss.network(pairs.copy())["logits"]
+    one_hot = torch.nn.functional.one_hot(pairs["action"], logits.shape[-1])
+    assert (loss(pairs.copy().set("action", one_hot)) == expected).all()
+
+
+def test_what_is_missing_is_named() -> None:
+    pairs = make_pairs(16)
+    with pytest.raises(KeyError, match="must have 'action', the key of action"):
+        make_loss(Head())(pairs.exclude("action"))
+    with pytest.raises(TypeError, match="must be a TensorDictModule, got Head"):
+        LLoss(Head())

@@ -149,6 +149,17 @@ def test_coefficients_can_be_assigned_while_training() -> None:
     torch.testing.assert_close(loss(batch)["loss_entropy"], 2 * before)
 
 
+def test_what_is_missing_is_named() -> None:
+    network, batch = collected_slice()
+    loss = RecurrentPPOLoss(network)
+    for key in ("advantage", "value_target"):
+        batch.set(key, batch["state_value"])
+    with pytest.raises(KeyError, match="must have 'action_log_prob', the key of sampl"):
+        loss(batch.exclude("action_log_prob"))
+    with pytest.raises(TypeError, match="got Linear without in_keys, num_actions, act"):
+        RecurrentPPOLoss(torch.nn.Linear(2, 2))  # type: ignore[arg-type]
+
+
 def test_arguments_out_of_range_are_refused() -> None:
     network, _ = collected_slice()
     with pytest.raises(ValueError, match=r"lmbda must be in \[0, 1\], got -0.1"):

@@ -116,5 +116,11 @@ def test_what_does_not_fit_is_refused() -> None:
         ReturnScale(1, gamma=1.0)
     with pytest.raises(ValueError, match="clip must be above 0 or None, got 0"):
         ReturnScale(1, clip=0)
+    with pytest.raises(ValueError, match=r"must be \[E, T\], a row an env, got \[12\]"):
+        ReturnScale(3)(make_batch(torch.zeros(3, 4)).reshape(-1))
+    batch = make_batch(torch.zeros(2, 4))
+    for key in ("intrinsic_reward", "done"):
+        with pytest.raises(KeyError, match=f"must have .*'next', '{key}'"):
+            ReturnScale(2)(batch.exclude(("next", key)))
     with pytest.raises(ValueError, match="got 2 and the env 2"):
         ReturnScale(2)(make_batch(torch.zeros(3, 4)))

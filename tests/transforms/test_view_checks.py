@@ -4,7 +4,9 @@ from functools import partial
 
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.envs import PermuteTransform, TransformedEnv
+from torchrl.envs.utils import check_env_specs
 
 from tests.fakes import FakeMaze
 from toponav.keys import PIXELS
@@ -38,25 +40,56 @@ def make_channels_first():
     return TransformedEnv(FakeMaze(), PermuteTransform((-1, -3, -2), in_keys=[PIXELS]))
 
 
+@pytest.mark.parametrize("reader", READERS)
+def test_each_order_refuses_the_other_and_says_what_takes_it(reader):
+    message = (
+        r"'pixels' must be \[\*B, H, W, C\] with channels='HWC', got \[3, 12, 16\]; "
+        "channels='CHW' takes them"
+    )
+    with pytest.raises(ValueError, match=message):
+        TransformedEnv(make_channels_first(), reader()).observation_spec  # noqa: B018
+    message = r"\[\*B, C, H, W\] .*got \[12, 16, 3\]; channels='HWC' takes"
+    with pytest.raises(ValueError, match=message):
+        TransformedEnv(FakeMaze(), reader(channels="CHW")).observation_spec  # noqa: B018
+    with pytest.raises(ValueError, match=r"one of \('HWC', 'CHW'\), got 'WHC'"):
+        reader(channels="WHC")
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_data_without_an_env_is_checked_too(reader):
+    data = TensorDict({PIXELS: torch.zeros(2, 3, 12, 16)}, [2])
+    with pytest.raises(ValueError, match=r"\[2, 3, 12, 16\]; channels='CHW' takes"):
+        reader()._reset(data.empty(), data)
+
+
+def see(env, order):
+    """What a transform wrote of a walk, with channels last."""
+    env.set_seed(0)
+    torch.manual_seed(0)
+    walk = env.rollout(4)["next"].exclude("privileged", "action")
+    names = [name for name in walk.keys(True, True) if "pixels" in name]
+    if order == "CHW":
+        for name in names:
+            walk[name] = walk[name].movedim(-3, -1)
+    return walk
+
+
 @pytest.mark.filterwarnings("ignore:Nested TransformedEnvs")
 @pytest.mark.parametrize("reader", READERS)
-def test_channels_first_views_are_refused_with_the_remedy(reader):
-    env = make_channels_first()
-    assert env.observation_spec[PIXELS].shape == (3, 12, 16)
-    message = r"'pixels' must be \[\*B, H, W, C\], got \[3, 12, 16\]; .* Permute.*\("
-    with pytest.raises(ValueError, match=message):
-        TransformedEnv(env, reader()).observation_spec  # noqa: B018
-    remedy = PermuteTransform((-2, -1, -3), in_keys=[PIXELS])
-    env = TransformedEnv(TransformedEnv(make_channels_first(), remedy), reader())
-    assert env.observation_spec[PIXELS].shape == (12, 16, 3)
-
-
-def test_the_noisy_tv_refuses_the_other_order_than_it_was_given():
-    tv = NoisyTV(size=2, channels="CHW")
-    with pytest.raises(
-        ValueError, match=r"must be \[\*B, C, H, W\], got \[12, 16, 3\]"
-    ):
-        TransformedEnv(FakeMaze(), tv).observation_spec  # noqa: B018
+def test_channels_first_gives_what_channels_last_gives(reader):
+    options = {"seed": 0} if getattr(reader, "func", None) is NoisyTV else {}
+    last = TransformedEnv(FakeMaze(), reader(**options))
+    first, again = (
+        TransformedEnv(make_channels_first(), reader(channels="CHW", **options))
+        for _ in range(2)
+    )
+    check_env_specs(again)
+    wanted, got = see(last, "HWC"), see(first, "CHW")
+    assert set(got.keys(True, True)) == set(wanted.keys(True, True))
+    for name in wanted.keys(True, True):
+        assert got[name].shape == wanted[name].shape, name
+        if name != "embedding":  # the callable saw the other order
+            assert torch.equal(got[name], wanted[name]), name
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 4), (4, 3)])

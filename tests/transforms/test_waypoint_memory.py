@@ -245,3 +245,8 @@ def test_rounding_beyond_one_is_one():
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         make_memory(**arguments)
+
+
+def test_a_step_without_a_reset_is_refused():
+    with pytest.raises(ValueError, match="reset of the same 1 envs, got one of 0"):
+        step(make_memory(), shade(0.5))

@@ -63,9 +63,15 @@ def find_episodes(storage: Storage) -> Episodes:
     if len(storage) == 0:
         return Episodes.from_lengths([])
     data = storage[:]
+    found = {key: data.get(key, None) for key in (TRAJECTORY, "step_count")}
+    if None in found.values():
+        names = [str(name) for name in data.keys(True, True)]
+        raise KeyError(
+            f"frames must have {TRAJECTORY}, which TorchRL's collectors write, and "
+            f"'step_count', which its StepCounter writes, got {names}"
+        )
     trajectory, step = (
-        data.get(key).reshape(data.numel(), -1)[:, 0].cpu()
-        for key in (TRAJECTORY, "step_count")
+        entry.reshape(data.numel(), -1)[:, 0].cpu() for entry in found.values()
     )
     by_step = step.argsort(stable=True)
     order = by_step[trajectory[by_step].argsort(stable=True)]

@@ -156,7 +156,10 @@ class LPairs:
         near = same & (gap >= self.min_distance) & (gap <= self.max_action_distance)
         pair = near.nonzero()
         weight = distance_weights(gap[near], self.max_action_distance)
-        action = frames.get(ACTION).flatten()
+        action = frames.get(ACTION)
+        # One-hot actions have a dimension more.
+        is_one_hot = action.ndim > frames.ndim and action.shape[-1] > 1
+        action = (action.long().argmax(-1) if is_one_hot else action).flatten()
         taken = action[pair[:, 0].to(action.device)]
         return gather_pairs(frames, pair, {ACTION: taken, WEIGHT: weight})
 

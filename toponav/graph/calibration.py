@@ -66,6 +66,10 @@ class WalkWaypoints:
         if embeddings.ndim != 2 or not len(embeddings):
             rule = "a sequence must be embeddings [T, D] with T >= 1"
             raise ValueError(f"{rule}, got {tuple(embeddings.shape)}.")
+        wanted = ("prepare_memory", "compare_prepared")
+        if missing := [name for name in wanted if not hasattr(network, name)]:
+            got = f"{type(network).__name__} without {', '.join(missing)}"
+            raise TypeError(f"network must be such as a TCNetwork, got {got}.")
         prepared = network.prepare_memory(embeddings)
         later = torch.full((len(embeddings), len(embeddings)), -1.0)
         for begin in range(0, len(embeddings), _CHUNK):

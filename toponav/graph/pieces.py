@@ -16,8 +16,8 @@ class MapKeys:
     """The keys that `TopologicalMap` reads of a batch; see its ``set_keys``."""
 
     embedding: NestedKey = keys.EMBEDDING  # float [D]
-    #: uint8 ``[H, W, C]``; only needed where embeddings are missing or made by other
-    #: networks, or where the map's embeddings are to be refreshed.
+    #: uint8 ``[H, W, C]``, or as the map's ``channels`` say; only needed where
+    #: embeddings are missing or made by other networks, or are to be refreshed.
     views: NestedKey = keys.NETWORK_PIXELS
     done: NestedKey = keys.DONE  # bool [1], under "next"
     reward: NestedKey = keys.REWARD  # the task's, [1], under "next"; may be missing

@@ -14,6 +14,13 @@ from toponav.graph.rules import MapRules
 from toponav.graph.views import Views
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Compare, Embed, Waypoints
+from toponav.views import (
+    ChannelOrder,
+    as_given,
+    channels_last,
+    check_order,
+    check_views,
+)
 
 
 class TopologicalMap:
@@ -42,7 +49,7 @@ class TopologicalMap:
         The paper, "Space topological cognition", eqs. 9 to 12.
 
     Args:
-        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
+        embed: views ``[N, H, W, C]``, as they are, to embeddings ``[N, D]``.
         compare: ``[N, D]`` and memory ``[N, M, P]`` to similarities ``[N, M]``, 0 to 1.
         rules: its choices.
         prepare: embeddings ``[N, M, D]`` to memory ``[N, M, P]``; ``None`` keeps them.
@@ -50,6 +57,8 @@ class TopologicalMap:
             elsewhere, so that no edge joins before and after; ``None`` if it never is.
         views: where the waypoints' views are kept, such as a `ViewFile`; by default in
             memory.
+        channels: ``"HWC"``, or ``"CHW"`` for batches and ``embed`` with views ``[...,
+            C, H, W]``; the map keeps them with channels last.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -73,15 +82,23 @@ class TopologicalMap:
         prepare: Embed | None = None,
         goal_reward: float | None = None,
         views: Views | None = None,
+        channels: ChannelOrder = "HWC",
     ) -> None:
         self.keys = MapKeys()
+        self.channels = check_order(channels)
         self.goal_reward = goal_reward
         #: The version of the networks that made the embeddings.
         self.network_version = 0
-        self.waypoints = Waypoints(embed, compare, prepare, views)
+        self.waypoints = Waypoints(self._embedding(embed), compare, prepare, views)
         self.graph = WaypointGraph(untraversed_edge_cost=rules.untraversed_edge_cost)
         #: It has the episodes that are not finished, too.
         self.discovery = Discovery(self.waypoints, self.graph, rules)
+
+    def _embedding(self, embed: Embed) -> Embed:
+        """What embeds views with channels last."""
+        if self.channels == "HWC":
+            return embed
+        return lambda views: embed(as_given(views, self.channels))
 
     def set_keys(self, **keys: NestedKey) -> None:
         """Change the keys that are read of a batch, by the names of `MapKeys`."""
@@ -138,6 +155,10 @@ class TopologicalMap:
         return self.num_waypoints - before
 
     def _read(self, data: TensorDictBase, *, whole: bool) -> list[Piece]:
+        key = self.keys.views
+        if (views := data.get(key, None)) is not None:
+            check_views(repr(key), views.shape, self.channels)
+            data = data.copy().set(key, channels_last(views, self.channels))
         embeddings = read_embeddings(
             data, self.keys, self.waypoints.embed, self.network_version
         )

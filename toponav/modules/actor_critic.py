@@ -13,13 +13,25 @@ from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from toponav import keys
-from toponav.modules.encoders import EmbeddingTrunk, PixelTrunk, start_orthogonal
+from toponav.modules.encoders import start_orthogonal
+from toponav.modules.policy_trunks import EmbeddingTrunk, PixelTrunk
+from toponav.views import ChannelOrder
 
 Input = Literal["pixels", "embedding"]
 #: Hidden and cell state, each ``[N, H]``.
 State = tuple[Tensor, Tensor]
 NEXT_HIDDEN: NestedKey = ("next", *keys.HIDDEN)
 NEXT_MEMORY_CELL: NestedKey = ("next", *keys.MEMORY_CELL)
+#: The transform that writes what the policy reads.
+_WRITERS: dict[NestedKey, str] = {
+    keys.POLICY_PIXELS: "PolicyPixels",
+    keys.EMBEDDING: "WaypointMemory or EmbedViews",
+    keys.PREVIOUS_ACTION: "PreviousAction",
+    keys.PREVIOUS_REWARD: "PreviousReward",
+    keys.IS_INIT: "TorchRL's InitTracker",
+    keys.HIDDEN: "the policy's make_tensordict_primer()",
+    keys.MEMORY_CELL: "the policy's make_tensordict_primer()",
+}
 
 
 class EpisodicLSTM(nn.Module):
@@ -82,7 +94,11 @@ class RecurrentStatePrimer(TensorDictPrimer):
         self.one_hot = one_hot
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        spec = self.parent.full_action_spec[keys.ACTION]
+        specs = self.parent.full_action_spec
+        if keys.ACTION not in specs.keys(True, True):
+            found = list(specs.keys(True, True))
+            raise ValueError(f"the env must have {keys.ACTION!r}, got {found}.")
+        spec = specs[keys.ACTION]
         wanted = getattr(spec.space, "n", None), isinstance(spec, OneHot)
         if (self.num_actions, self.one_hot) != wanted:
             raise ValueError(
@@ -97,7 +113,9 @@ class ActorCritic(TensorDictModuleBase):
 
     An LSTM reads a trunk's code of the view, the previous action (one-hot, one place
     more for "none") and the previous reward; two linear heads give logits and value.
-    Envs need `make_tensordict_primer` and TorchRL's ``InitTracker``.
+    Envs need these transforms, in this order: TorchRL's ``InitTracker``; what writes
+    the view (`PolicyPixels`, or `EmbedViews` or `WaypointMemory`) and the reward;
+    `PreviousAction`; `PreviousReward` of that reward; `make_tensordict_primer`.
 
     Reference:
         The paper, "Learning model"; sizes of Jaderberg et al., "Reinforcement Learning
@@ -108,6 +126,7 @@ class ActorCritic(TensorDictModuleBase):
         input: ``"pixels"`` for a `PixelTrunk`, ``"embedding"`` for an `EmbeddingTrunk`.
         embedding_dim: length of the embedding, needed for it alone.
         image_size: height and width of the policy's views in pixels.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, 3, H, W]``.
         code_dim, hidden_dim: lengths of the trunk's code and, H, of the LSTM's state.
         view_key: where the view is, ``policy_pixels`` or ``embedding`` unless given.
         one_hot: write actions as int64 ``[*B, A]`` instead of ``[*B]``.
@@ -132,6 +151,7 @@ class ActorCritic(TensorDictModuleBase):
         input: Input = "pixels",
         embedding_dim: int | None = None,
         image_size: tuple[int, int] = (84, 84),
+        channels: ChannelOrder = "HWC",
         code_dim: int = 256,
         hidden_dim: int = 256,
         view_key: NestedKey | None = None,
@@ -147,7 +167,7 @@ class ActorCritic(TensorDictModuleBase):
         self.one_hot = one_hot
         self.trunk: nn.Module
         if input == "pixels":
-            self.trunk = PixelTrunk(code_dim, image_size=image_size)
+            self.trunk = PixelTrunk(code_dim, image_size=image_size, channels=channels)
         elif embedding_dim is None:
             raise ValueError('embedding_dim must be given with input="embedding".')
         else:
@@ -177,7 +197,7 @@ class ActorCritic(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
         inputs, state = self._lstm_inputs(tensordict), self._state(tensordict)
-        is_init = tensordict.get(keys.IS_INIT).reshape(-1)
+        is_init = self._read(tensordict, keys.IS_INIT).reshape(-1)
         hidden, cell = self.lstm.step(inputs, state, is_init)
         logits = self.actor(hidden)
         log_probs = F.log_softmax(logits.float(), -1)
@@ -208,7 +228,7 @@ class ActorCritic(TensorDictModuleBase):
         shape = tensordict.batch_size
         inputs = self._lstm_inputs(tensordict).unflatten(0, (-1, shape[-1]))
         state = self._state(tensordict[..., 0].select(keys.HIDDEN, keys.MEMORY_CELL))
-        is_init = tensordict.get(keys.IS_INIT).reshape(-1, shape[-1])
+        is_init = self._read(tensordict, keys.IS_INIT).reshape(-1, shape[-1])
         outputs: Tensor = self.lstm(inputs, state, is_init)[0]
         return outputs.reshape(*shape, -1)
 
@@ -224,20 +244,25 @@ class ActorCritic(TensorDictModuleBase):
 
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
         """One row a decision, ``[N, D]``."""
-        code: Tensor = self.trunk(tensordict.get(self.view_key))
-        action = tensordict.get(keys.PREVIOUS_ACTION).squeeze(-1)
+        code: Tensor = self.trunk(self._read(tensordict, self.view_key))
+        action = self._read(tensordict, keys.PREVIOUS_ACTION).squeeze(-1)
         one_hot = F.one_hot(action, self.num_actions + 1).to(code.dtype)
-        reward = tensordict.get(keys.PREVIOUS_REWARD).to(code.dtype)
+        reward = self._read(tensordict, keys.PREVIOUS_REWARD).to(code.dtype)
         inputs = torch.cat([code, one_hot, reward], -1)
         return inputs.reshape(-1, inputs.shape[-1])
 
     def _state(self, tensordict: TensorDictBase) -> State:
         wanted = (keys.HIDDEN, keys.MEMORY_CELL)
-        state = [tensordict.get(key, None) for key in wanted]
-        if any(entry is None for entry in state):
-            raise KeyError(
-                f"the tensordict must have {wanted}, the LSTM's state: add "
-                "make_tensordict_primer() to the env's transforms."
-            )
+        state = [self._read(tensordict, key) for key in wanted]
         hidden, cell = (entry.reshape(-1, self.hidden_dim) for entry in state)
         return hidden, cell
+
+    def _read(self, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
+        entry: Tensor | None = tensordict.get(key, None)
+        if entry is None:
+            writer = _WRITERS.get(key, "what writes it, such as EmbedViews")
+            raise KeyError(
+                f"the tensordict must have {key!r}: add {writer} to the env's "
+                f"transforms, got {sorted(map(str, tensordict.keys()))}."
+            )
+        return entry

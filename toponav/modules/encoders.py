@@ -1,4 +1,4 @@
-"""Image encoders, the policy's trunks, and `check_pixels`."""
+"""Image encoders, and `check_pixels`."""
 
 import math
 from itertools import zip_longest
@@ -9,21 +9,31 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
 from toponav.modules.folding import FoldCache, FoldedConvolution
+from toponav.views import ChannelOrder, channels_last, check_order
 
 
-def check_pixels(pixels: Tensor, *image_sizes: tuple[int, int]) -> None:
-    """Raise ValueError unless ``[*B, H, W, 3]``, of such a size, uint8 or float."""
-    if tuple(pixels.shape[-3:]) not in [(*size, 3) for size in image_sizes]:
-        expected = " or ".join(str([*size, 3]) for size in image_sizes)
+def check_pixels(
+    pixels: Tensor, *image_sizes: tuple[int, int], channels: ChannelOrder = "HWC"
+) -> Tensor:
+    """The pixels as ``[*B, H, W, 3]``, of such a size, uint8 or float; or ValueError.
+
+    They are given so, or, with ``channels="CHW"``, as ``[*B, 3, H, W]``.
+    """
+    shapes = [(*size, 3) if channels == "HWC" else (3, *size) for size in image_sizes]
+    if tuple(pixels.shape[-3:]) not in shapes:
+        expected = " or ".join(str(list(shape)) for shape in shapes)
+        order = f"(RGB, channels={channels!r})"
         got = list(pixels.shape)
-        raise ValueError(f"pixels must end in the shape {expected} (RGB), got {got}.")
+        raise ValueError(f"pixels must end in the shape {expected} {order}, got {got}.")
+    pixels = channels_last(pixels, channels)
     # Environments yield uint8: no search for NaN where speed counts.
     if pixels.dtype == torch.uint8:
-        return
+        return pixels
     if not pixels.is_floating_point():
         raise ValueError(f"pixels must be uint8 or float in 0..1, got {pixels.dtype}.")
     if not torch.compiler.is_compiling() and not bool(pixels.isfinite().all()):
         raise ValueError("pixels must be finite, got NaN or infinity.")
+    return pixels
 
 
 def compute_dtype(weight: Tensor) -> torch.dtype:
@@ -74,6 +84,7 @@ class SmallEncoder(nn.Module):
     Args:
         embedding_dim: length D of the embedding.
         image_size: height and width in pixels of a full view, both even.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, 3, H, W]``.
         batch_norm: normalise after every convolution; then give the views of one
             update in one call, and compare embeddings in ``eval()`` mode only.
 
@@ -88,9 +99,11 @@ class SmallEncoder(nn.Module):
         embedding_dim: int = 256,
         *,
         image_size: tuple[int, int],
+        channels: ChannelOrder = "HWC",
         batch_norm: bool = True,
     ) -> None:
         super().__init__()
+        self.channels = check_order(channels)
         height, width = image_size
         if height % 2 or width % 2:
             raise ValueError(f"image_size must be even, got {image_size}.")
@@ -98,22 +111,23 @@ class SmallEncoder(nn.Module):
         self.image_size = image_size
         self.halved_size = (height // 2, width // 2)
         layers: list[nn.Module] = []
-        channels, height, width = 3, height // 2, width // 2
+        planes, height, width = 3, height // 2, width // 2
         for out, size in ((32, 5), (48, 3), (64, 3), (96, 3)):
             convolution = nn.Conv2d(
-                channels, out, size, stride=2, padding=size // 2, bias=not batch_norm
+                planes, out, size, stride=2, padding=size // 2, bias=not batch_norm
             )
             layers.append(use_channels_last(convolution))
             if batch_norm:
                 layers.append(nn.BatchNorm2d(out))
             layers.append(nn.ReLU(inplace=True))
-            channels, height, width = out, (height + 1) // 2, (width + 1) // 2
+            planes, height, width = out, (height + 1) // 2, (width + 1) // 2
         self.convolutions = nn.Sequential(*layers)
-        self.project = nn.Linear(channels * height * width, embedding_dim)
+        self.project = nn.Linear(planes * height * width, embedding_dim)
         self._folds = FoldCache()
 
     def forward(self, pixels: Tensor) -> Tensor:
-        check_pixels(pixels, self.image_size, self.halved_size)
+        sizes = self.image_size, self.halved_size
+        pixels = check_pixels(pixels, *sizes, channels=self.channels)
         dtype = compute_dtype(self.project.weight)
         flat = pixels.reshape(-1, *pixels.shape[-3:])
         if tuple(flat.shape[1:3]) == self.image_size:
@@ -179,6 +193,7 @@ class ResNet18(nn.Module):
 
     Give the views of one update in one call, and call ``eval()`` before embeddings are
     compared with older ones. An ``embedding_dim`` other than 512 adds a linear layer.
+    Views are as `SmallEncoder` takes them, by ``channels``.
 
     Reference:
         He et al., "Deep Residual Learning for Image Recognition" (2015); the paper's
@@ -186,23 +201,28 @@ class ResNet18(nn.Module):
     """
 
     def __init__(
-        self, embedding_dim: int = 512, *, image_size: tuple[int, int]
+        self,
+        embedding_dim: int = 512,
+        *,
+        image_size: tuple[int, int],
+        channels: ChannelOrder = "HWC",
     ) -> None:
         super().__init__()
+        self.channels = check_order(channels)
         self.embedding_dim = embedding_dim
         self.image_size = image_size
         self.stem = nn.Conv2d(3, 64, 7, stride=2, padding=3, bias=False)
         self.stem_norm = nn.BatchNorm2d(64)
-        blocks, channels = [], 64
+        blocks, width = [], 64
         for out_channels in (64, 128, 256, 512):
-            stride = 1 if out_channels == channels else 2
-            blocks.append(ResidualBlock(channels, out_channels, stride=stride))
+            stride = 1 if out_channels == width else 2
+            blocks.append(ResidualBlock(width, out_channels, stride=stride))
             blocks.append(ResidualBlock(out_channels, out_channels, stride=1))
-            channels = out_channels
+            width = out_channels
         self.blocks = nn.Sequential(*blocks)
         self.project: nn.Module = nn.Identity()
-        if embedding_dim != channels:
-            self.project = nn.Linear(channels, embedding_dim)
+        if embedding_dim != width:
+            self.project = nn.Linear(width, embedding_dim)
         self._folds = FoldCache()
         for layer in self.modules():
             if isinstance(layer, nn.Conv2d):
@@ -210,7 +230,7 @@ class ResNet18(nn.Module):
                 use_channels_last(layer)
 
     def forward(self, pixels: Tensor) -> Tensor:
-        check_pixels(pixels, self.image_size)
+        pixels = check_pixels(pixels, self.image_size, channels=self.channels)
         dtype = compute_dtype(self.stem.weight)
         planes = pixels_to_planes(pixels.reshape(-1, *pixels.shape[-3:]), dtype)
         if self.training or torch.is_grad_enabled():
@@ -225,60 +245,3 @@ class ResNet18(nn.Module):
 
     def _fold(self) -> list[FoldedConvolution]:
         return [FoldedConvolution(self.stem, self.stem_norm, pack=True)]
-
-
-class PixelTrunk(nn.Module):
-    """Encode views of 20 pixels or more as ``[*B, C]``: two convolutions, one layer.
-
-    Reference:
-        Mnih et al., "Asynchronous Methods for Deep Reinforcement Learning" (2016);
-        the paper, "Learning model", with its 16 and 32 features.
-    """
-
-    def __init__(self, code_dim: int = 256, *, image_size: tuple[int, int]) -> None:
-        super().__init__()
-        if min(image_size) < 20:
-            raise ValueError(
-                f"image_size must be at least 20 both ways, got {image_size}."
-            )
-        self.code_dim = code_dim
-        self.image_size = image_size
-        self.conv1 = nn.Conv2d(3, 16, 8, stride=4)
-        self.conv2 = nn.Conv2d(16, 32, 4, stride=2)
-        height, width = (((side - 8) // 4 + 1 - 4) // 2 + 1 for side in image_size)
-        self.project = nn.Linear(32 * height * width, code_dim)
-        for layer in (self.conv1, self.conv2, self.project):
-            start_orthogonal(layer)
-        use_channels_last(self.conv1)
-        use_channels_last(self.conv2)
-
-    def forward(self, pixels: Tensor) -> Tensor:
-        check_pixels(pixels, self.image_size)
-        dtype = compute_dtype(self.conv1.weight)
-        weight = self.conv1.weight
-        if pixels.dtype == torch.uint8:
-            weight = weight / 255
-        planes = pixels.reshape(-1, *pixels.shape[-3:]).permute(0, 3, 1, 2).to(dtype)
-        hidden = F.relu_(F.conv2d(planes, weight, self.conv1.bias, stride=4))
-        hidden = F.relu_(self.conv2(hidden))
-        # Flattened in memory order (height, width, channels): no copy.
-        code = F.relu_(self.project(hidden.permute(0, 2, 3, 1).flatten(1)))
-        return code.reshape(*pixels.shape[:-3], self.code_dim)
-
-
-class EmbeddingTrunk(nn.Module):
-    """Encode embeddings ``[*B, D]`` as ``[*B, C]`` with one linear layer and a ReLU."""
-
-    def __init__(self, embedding_dim: int, code_dim: int = 256) -> None:
-        super().__init__()
-        self.embedding_dim = embedding_dim
-        self.project = nn.Linear(embedding_dim, code_dim)
-        start_orthogonal(self.project)
-
-    def forward(self, embedding: Tensor) -> Tensor:
-        if embedding.shape[-1] != self.embedding_dim:
-            lengths = f"{self.embedding_dim}, got {list(embedding.shape)}"
-            raise ValueError(f"embedding must have the length {lengths}.")
-        dtype = self.project.weight.dtype
-        # Another objective trains the network behind the embedding.
-        return F.relu_(self.project(embedding.detach().to(dtype)))

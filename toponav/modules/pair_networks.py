@@ -110,7 +110,7 @@ class TCNetwork(nn.Module):
         The paper, "Temporal correlation network", eq. 5.
 
     Args:
-        encoder: ``[*B, H, W, 3]`` to ``[*B, D]``; may be shared with other networks.
+        encoder: views to ``[*B, D]``, their channels first or last; may be shared.
         comparator: two embeddings to a logit, see `ConcatComparator`.
 
     Examples:
@@ -125,11 +125,16 @@ class TCNetwork(nn.Module):
 
     def __init__(self, encoder: nn.Module, comparator: Comparator) -> None:
         super().__init__()
+        wanted = ("prepare", "compare")
+        missing = [name for name in wanted if not hasattr(comparator, name)]
+        if missing:
+            got = f"{type(comparator).__name__} without {', '.join(missing)}"
+            raise TypeError(f"comparator must be such as ConcatComparator, got {got}.")
         self.encoder = encoder
         self.comparator = comparator
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
-        """Logits of pairs of views: twice ``[*B, H, W, 3]`` to ``[*B]``."""
+        """Logits of pairs of views, as the encoder takes them: ``[*B]``."""
         # One call of the encoder: batch normalisation then sees both sides at once.
         embedding_anchor, embedding_other = self.embed(torch.stack([anchor, other]))
         return self.comparator(embedding_anchor, embedding_other)
@@ -181,7 +186,7 @@ class LocomotionHead(nn.Module):
 class LNetwork(nn.Module):
     """Logits of the action at ``o_i`` that leads to ``o_j`` some decisions later.
 
-    Its ``encoder``, ``[*B, H, W, 3]`` to ``[*B, D]``, may be that of a `TCNetwork`; its
+    Its ``encoder``, views to ``[*B, D]``, may be that of a `TCNetwork`; its
     ``head`` takes embeddings that exist already.
 
     Reference:
@@ -194,7 +199,7 @@ class LNetwork(nn.Module):
         self.head = head
 
     def forward(self, anchor: Tensor, other: Tensor) -> Tensor:
-        """Logits of pairs of views: twice ``[*B, H, W, 3]`` to ``[*B, A]``."""
+        """Logits of pairs of views, as the encoder takes them: ``[*B, A]``."""
         # One call of the encoder: batch normalisation then sees both sides at once.
         here, there = self.encoder(torch.stack([anchor, other]))
         logits: Tensor = self.head(here, there)

@@ -24,6 +24,8 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_recurrent,
+    require_slices,
     under_next,
 )
 
@@ -31,7 +33,7 @@ Reduction = Literal["unroll", "mean", "sum", "none"]
 
 
 class A3CLoss(GAEMixin, LossModule):
-    """Policy gradient, critic and entropy of a slice of experience, ``[*B, T]``.
+    """Policy gradient, critic and entropy of slices of experience, ``[*B, T]``.
 
     ``loss_objective`` is ``-log pi(a|s) A``, ``loss_critic`` is ``critic_coeff * (R -
     V)^2`` and ``loss_entropy`` is ``-entropy_coeff`` times the entropy; their sum is to
@@ -95,11 +97,9 @@ class A3CLoss(GAEMixin, LossModule):
         super().__init__()
         if reduction not in (choices := get_args(Reduction)):
             raise ValueError(f"reduction must be one of {choices}, got {reduction!r}.")
-        if critic_network is None and not hasattr(actor_network, "unroll"):
-            raise ValueError(
-                "critic_network must be given with an actor_network without unroll(), "
-                f"got {type(actor_network).__name__} alone."
-            )
+        if critic_network is None:
+            name = "actor_network without a critic_network"
+            require_recurrent(actor_network, name, "in_keys", "unroll", "next_values")
         network: Any = actor_network
         self.actor_network = network
         self.critic_network = critic_network
@@ -130,8 +130,7 @@ class A3CLoss(GAEMixin, LossModule):
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         named = self.tensor_keys
-        if tensordict.ndim == 0:
-            raise ValueError("the batch size must be [*B, T], with time last, got [].")
+        require_slices(tensordict)
         log_prob, entropy, state_value = self._evaluate(tensordict)
         if tensordict.get(named.advantage, None) is None:
             advantage, value_target = bootstrapped_advantage(

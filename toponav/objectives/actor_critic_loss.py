@@ -41,6 +41,26 @@ class RecurrentActorCritic(Protocol):
         """Values ``[*B, 1]`` of the states under ``"next"``, without gradients."""
 
 
+def require_recurrent(network: object, name: str, *parts: str) -> None:
+    """TypeError unless a network has these parts of a `RecurrentActorCritic`."""
+    missing = [part for part in parts if not hasattr(network, part)]
+    if missing:
+        raise TypeError(
+            f"{name} must be a recurrent actor-critic such as ActorCritic, got "
+            f"{type(network).__name__} without {', '.join(missing)}."
+        )
+
+
+def require_slices(batch: TensorDictBase) -> None:
+    """ValueError unless a batch is ``[*B, T]``, rows of successive decisions."""
+    if batch.ndim < 2:
+        raise ValueError(
+            "batches must be [*B, T], rows of T successive decisions, got "
+            f"{list(batch.shape)}: give one row as batch.unsqueeze(0), and rows that "
+            "lie one after the other as batch.reshape(-1, T)."
+        )
+
+
 def action_numbers(action: Tensor, num_actions: int, shape: torch.Size) -> Tensor:
     """The numbers ``[*B]`` of actions, given as such or one-hot ``[*B, A]``."""
     if action.is_floating_point():

@@ -10,6 +10,7 @@ from torch.nn import functional as F  # noqa: N812
 from torchrl.objectives import LossModule
 
 from toponav.keys import ACTION, LABEL, LOGIT, LOGITS, WEIGHT
+from toponav.objectives.actor_critic_loss import action_numbers, read_entry
 
 
 class PairLoss(LossModule):
@@ -22,6 +23,9 @@ class PairLoss(LossModule):
 
     def __init__(self, network: TensorDictModule) -> None:
         super().__init__()
+        if not hasattr(network, "in_keys"):
+            kind = f"a TensorDictModule, got {type(network).__name__}"
+            raise TypeError(f"network must be {kind}.")
         self.network = network
         self.reduction = "mean"
 
@@ -34,8 +38,11 @@ class PairLoss(LossModule):
         keys = self.tensor_keys
         # A shallow copy, so that the caller's batch gets no prediction.
         results, given = self.network(tensordict.copy()), tensordict.detach()
-        predicted = results.get(getattr(keys, self._predicted)).float()
-        wanted = given.get(getattr(keys, self._wanted))
+        predicted, wanted = (
+            read_entry(data, getattr(keys, name), name)
+            for data, name in ((results, self._predicted), (given, self._wanted))
+        )
+        predicted = predicted.float()
         weight = given.get(keys.weight, None)
         measured = [
             self._reduce_loss(value.float(), tensordict, weights=weight)
@@ -84,8 +91,9 @@ class TCLoss(PairLoss):
 class LLoss(PairLoss):
     """Train the L-network by the (weighted) mean cross-entropy ``loss_locomotion``.
 
-    ``network`` reads the pairs, views or embeddings; it writes the logits, ``[*B, A]``:
-    the paper, "Navigation implementation", eq. 14.
+    ``network`` reads the pairs, views or embeddings; it writes the logits, ``[*B, A]``.
+    Actions are numbers ``[*B]`` or one-hot: the paper, "Navigation implementation",
+    eq. 14.
     """
 
     @dataclass
@@ -99,9 +107,7 @@ class LLoss(PairLoss):
     _predicted, _wanted = "logits", "action"
 
     def _compare(self, predicted: Tensor, wanted: Tensor) -> tuple[Tensor, Tensor]:
-        if predicted.shape[:-1] != wanted.shape:
-            shapes = f"{list(predicted.shape[:-1])}, got {list(wanted.shape)}"
-            raise ValueError(f"action must have the shape {shapes}.")
+        wanted = action_numbers(wanted, predicted.shape[-1], predicted.shape[:-1])
         loss = F.cross_entropy(
             predicted.flatten(0, -2), wanted.flatten(), reduction="none"
         )

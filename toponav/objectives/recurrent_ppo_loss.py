@@ -17,6 +17,8 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_recurrent,
+    require_slices,
 )
 
 #: The LSTM's output after a decision is its next hidden state: the heads read it.
@@ -28,6 +30,9 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
 
     The trunk and the LSTM run once; ``ClipPPOLoss`` sees two linear heads on their
     outputs. Call `estimate_advantage` on a collected batch, before the passes over it.
+    The critic's loss grows with the square of the returns: put `ReturnScale` before it
+    where rewards are not small. Without it PPO did not learn CartPole, whose returns
+    are up to 100.
 
     Reference:
         Schulman et al., "Proximal Policy Optimization Algorithms" (2017).
@@ -52,6 +57,9 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         entropy_coeff: float = 0.01,
         critic_coeff: float = 0.5,
     ) -> None:
+        own = ("in_keys", "num_actions", "actor", "critic")
+        both = ("unroll_lstm", "next_values")
+        require_recurrent(actor_critic, "actor_critic", *own, *both)
         actor = ProbabilisticActor(
             TensorDictModule(actor_critic.actor, [_OUTPUT], [LOGITS]),
             in_keys=[LOGITS],
@@ -84,6 +92,7 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         self, batch: TensorDictBase, *, normalize: bool = True
     ) -> TensorDictBase:
         """Write advantage, mean 0 and deviation 1, and value target ``[*B, T, 1]``."""
+        require_slices(batch)
         keys = self.tensor_keys
         state_value = read_entry(batch, keys.value, "value")
         advantage, value_target = bootstrapped_advantage(
@@ -97,11 +106,14 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        require_slices(tensordict)
         keys = self.tensor_keys
         if tensordict.get(keys.advantage, None) is None:
             tensordict = self.estimate_advantage(tensordict.copy(), normalize=False)
-        own = (keys.sample_log_prob, keys.advantage, keys.value_target)
-        decisions = tensordict.select(*own)
+        decisions = tensordict.empty()
+        for name in ("sample_log_prob", "advantage", "value_target"):
+            key = getattr(keys, name)
+            decisions.set(key, read_entry(tensordict, key, name))
         action = read_entry(tensordict, keys.action, "action")
         num_actions = self.actor_critic.num_actions
         decisions.set(keys.action, action_numbers(action, num_actions, decisions.shape))
@@ -143,6 +155,7 @@ class SequenceMinibatches:
 
     def __call__(self, batch: TensorDictBase) -> Iterator[TensorDictBase]:
         """One pass over a batch ``[*B, T]``, time last, in minibatches ``[N, L]``."""
+        require_slices(batch)
         length, total = self.sequence_length, batch.batch_size[-1]
         if total % length:
             rule = f"sequence_length must divide the slice's {total} decisions"

@@ -6,6 +6,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from toponav.keys import DONE, ENV_ID, INTRINSIC_REWARD, SCALED_REWARD
+from toponav.objectives.actor_critic_loss import read_entry
 
 
 class ReturnScale(TensorDictModuleBase):
@@ -76,12 +77,15 @@ class ReturnScale(TensorDictModuleBase):
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Count a batch ``[E, T]`` and write its scaled rewards, ``[E, T, 1]``."""
+        if tensordict.ndim != 2:
+            got = list(tensordict.shape)
+            raise ValueError(f"batches must be [E, T], a row an env, got {got}.")
         reward_key, done_key = self.in_keys
-        reward = tensordict.get(reward_key)
+        reward = read_entry(tensordict, reward_key, "reward")
         if not self.enabled:
             return tensordict.set(self.out_keys[0], reward.clone())
         shape = tensordict.batch_size
-        done = tensordict.get(done_key).reshape(shape)
+        done = read_entry(tensordict, done_key, "done").reshape(shape)
         envs = self._envs(tensordict)
         self._count(self._returns(reward.reshape(shape).double(), done, envs))
         scaled = reward / self.deviation.clamp_min(1e-4)

@@ -6,6 +6,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
 
 from toponav.ground_truth import (
     UNREACHABLE,
@@ -38,26 +39,33 @@ def forward_weights(world: WorldSpec) -> tuple[float, ...]:
 
 
 class RandomPolicy(TensorDictModuleBase):
-    """Draws each action uniformly.
+    """Draws each action uniformly, as a number or one-hot.
 
     Examples:
         >>> RandomPolicy(4, seed=0)(TensorDict(batch_size=[2]))["action"].shape
         torch.Size([2])
+        >>> one_hot = RandomPolicy(4, seed=0, one_hot=True)
+        >>> one_hot(TensorDict(batch_size=[2]))["action"].shape
+        torch.Size([2, 4])
     """
 
     in_keys: list[NestedKey] = []
     out_keys = [ACTION]
 
-    def __init__(self, num_actions: int, *, seed: int = 0) -> None:
+    def __init__(
+        self, num_actions: int, *, seed: int = 0, one_hot: bool = False
+    ) -> None:
         if num_actions < 1:
             raise ValueError(f"num_actions must be at least 1, got {num_actions}")
         super().__init__()
         self.num_actions = num_actions
+        self.one_hot = one_hot
         self.generator = torch.Generator().manual_seed(seed)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
         action = torch.randint(self.num_actions, shape, generator=self.generator)
+        action = F.one_hot(action, self.num_actions) if self.one_hot else action
         return tensordict.set(ACTION, action.to(tensordict.device))
 
 
@@ -66,7 +74,8 @@ class StickyPolicy(TensorDictModuleBase):
 
     It gets farther than :class:`RandomPolicy`, which mostly jitters on the spot. The
     last action is carried over the end of an episode. ``weights`` are the relative
-    frequencies of the actions when one is drawn; equal by default.
+    frequencies of the actions when one is drawn; equal by default. They are written as
+    numbers or one-hot.
     """
 
     in_keys: list[NestedKey] = []
@@ -79,6 +88,7 @@ class StickyPolicy(TensorDictModuleBase):
         stickiness: float = 0.75,
         weights: Sequence[float] | None = None,
         seed: int = 0,
+        one_hot: bool = False,
     ) -> None:
         weights = [1.0] * num_actions if weights is None else weights
         if not 0 <= stickiness <= 1:
@@ -88,6 +98,7 @@ class StickyPolicy(TensorDictModuleBase):
             raise ValueError(f"{rule}, got {tuple(weights)}")
         super().__init__()
         self.stickiness = stickiness
+        self.one_hot = one_hot
         self.generator = torch.Generator().manual_seed(seed)
         self.weights = torch.tensor(weights, dtype=torch.float32)
         # The last actions, [*B]; B is known at the first call.
@@ -102,7 +113,8 @@ class StickyPolicy(TensorDictModuleBase):
             keep = torch.rand(shape, generator=self.generator) < self.stickiness
             drawn = torch.where(keep, self.last, drawn)
         self.last = drawn
-        return tensordict.set(ACTION, drawn.to(tensordict.device))
+        action = F.one_hot(drawn, len(self.weights)) if self.one_hot else drawn
+        return tensordict.set(ACTION, action.to(tensordict.device))
 
 
 class _Expert(TensorDictModuleBase):

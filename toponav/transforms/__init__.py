@@ -1,9 +1,7 @@
 """TorchRL transforms of environments, each usable in any TorchRL project."""
 
 from toponav.transforms.agent_inputs import (
-    AreaDownsample as AreaDownsample,
     GoalViews as GoalViews,
-    PolicyPixels as PolicyPixels,
     PreviousAction as PreviousAction,
     PreviousReward as PreviousReward,
 )
@@ -20,5 +18,9 @@ from toponav.transforms.novelty_rewards import (
 from toponav.transforms.privileged import (
     Coverage as Coverage,
     WaypointTruth as WaypointTruth,
+)
+from toponav.transforms.smaller_views import (
+    AreaDownsample as AreaDownsample,
+    PolicyPixels as PolicyPixels,
 )
 from toponav.transforms.waypoint_memory import WaypointMemory as WaypointMemory

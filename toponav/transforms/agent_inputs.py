@@ -1,123 +1,21 @@
-"""What an agent is shown: smaller views, its last action and reward, its goal.
+"""What an agent is told beside its view: its last action and reward, its goal.
 
 Reference:
-    The paper, "Model implementation": 84x84 RGB; an LSTM is fed the previous action and
-    reward.
+    The paper, "Model implementation": an LSTM is fed the previous action and reward.
 """
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
-from torch.nn import functional as F  # noqa: N812
-from torchrl.data import Bounded, Categorical, Composite, TensorSpec, Unbounded
+from torchrl.data import Bounded, Categorical, Composite, Unbounded
 
 from toponav import keys
-from toponav.transforms.specs import KeyedTransform, Keys, ViewTransform, find_spec
-
-
-class AreaDownsample(ViewTransform):
-    """Writes views shrunk by the mean over ``factor`` x ``factor`` pixels.
-
-    uint8 stays uint8, rounded to the nearest (halves up).
-
-    Args:
-        in_keys: keys of the views ``[*B, H, W, C]``, ``pixels`` unless given.
-        out_keys: keys of the small views, ``network_pixels`` unless given.
-        factor: how many pixels become one, in height and in width; must divide both.
-
-    Examples:
-        >>> image = torch.tensor([[0, 0, 7, 7], [1, 1, 7, 7]], dtype=torch.uint8)
-        >>> views = TensorDict({"pixels": image.reshape(1, 2, 4, 1)}, [1])
-        >>> AreaDownsample()(views)["network_pixels"].flatten()
-        tensor([1, 7], dtype=torch.uint8)
-    """
-
-    def __init__(
-        self, in_keys: Keys = None, out_keys: Keys = None, *, factor: int = 2
-    ) -> None:
-        if factor < 1:
-            raise ValueError(f"factor must be at least 1, got {factor}")
-        super().__init__(in_keys or [keys.PIXELS], out_keys or [keys.NETWORK_PIXELS])
-        self.factor = factor
-
-    def _apply_transform(self, obs: Tensor) -> Tensor:
-        *batch, height, width, channels = obs.shape
-        factor, is_bytes = self.factor, obs.dtype == torch.uint8
-        if factor == 1:
-            return obs
-        wide = torch.int32 if is_bytes else obs.dtype
-        if is_bytes and 255 * factor**2 < 2**15:
-            wide = torch.int16  # adds up twice as fast
-        # First rows, then columns: successive numbers are added together.
-        rows = obs.reshape(*batch, height // factor, factor, width * channels)
-        first, *others = rows.unbind(-2)
-        tall = sum(others, start=first.to(wide))
-        columns = tall.reshape(*rows.shape[:-2], width // factor, factor, channels)
-        first, *others = columns.unbind(-2)
-        total = sum(others, start=first)
-        if not is_bytes:
-            return total / factor**2
-        total += factor**2 // 2
-        if factor == 2:
-            return (total >> 2).to(torch.uint8)  # faster than the division
-        return total.div(factor**2, rounding_mode="floor").to(torch.uint8)
-
-    def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
-        if any(side % self.factor for side in view.shape[-3:-1]):
-            rule = f"{key!r} must have sides that are multiples of {self.factor}"
-            raise ValueError(f"{rule}, got {list(view.shape)}")
-        # The bounds of a square's first pixel stand for those of the mean.
-        return view[..., :: self.factor, :: self.factor, :]
-
-
-class PolicyPixels(ViewTransform):
-    """Writes views at another size, averaged so that nothing small flickers.
-
-    uint8 stays uint8. Unlike TorchRL's ``Resize`` it needs no torchvision.
-
-    Args:
-        size: height and width of the copy in pixels.
-        in_keys: keys of the views, ``[*B, H, W, C]``, ``pixels`` unless given.
-        out_keys: keys of the copies, ``policy_pixels`` unless given.
-
-    Examples:
-        >>> views = torch.zeros(2, 24, 32, 3, dtype=torch.uint8)
-        >>> data = PolicyPixels((10, 10))(TensorDict({"pixels": views}, [2]))
-        >>> data["policy_pixels"].shape
-        torch.Size([2, 10, 10, 3])
-    """
-
-    def __init__(
-        self,
-        size: tuple[int, int] = (84, 84),
-        *,
-        in_keys: Keys = None,
-        out_keys: Keys = None,
-    ) -> None:
-        if len(size) != 2 or min(size) < 1:
-            raise ValueError(f"size must be two numbers of at least 1, got {size}")
-        super().__init__(in_keys or [keys.PIXELS], out_keys or [keys.POLICY_PIXELS])
-        self.size = tuple(size)
-
-    def _apply_transform(self, obs: Tensor) -> Tensor:
-        # Channels last in memory: no pixel moves.
-        planes = obs.reshape(-1, *obs.shape[-3:]).permute(0, 3, 1, 2)
-        is_bytes = obs.dtype == torch.uint8
-        if is_bytes and obs.device.type != "cpu":
-            planes = planes.float()
-        small = F.interpolate(
-            planes, self.size, mode="bilinear", align_corners=False, antialias=True
-        )
-        if is_bytes and small.dtype != torch.uint8:
-            small = small.round_().clamp_(0, 255).to(torch.uint8)
-        small = small.permute(0, 2, 3, 1)
-        return small.reshape(*obs.shape[:-3], *small.shape[1:]).contiguous()
-
-    def _spec_of(self, key: NestedKey, view: TensorSpec) -> TensorSpec:
-        shape = (*view.shape[:-3], *self.size, view.shape[-1])
-        if view.dtype == torch.uint8:
-            return Unbounded(shape, view.device, view.dtype)
-        return Bounded(0.0, 1.0, shape, view.device, view.dtype)
+from toponav.transforms.specs import (
+    KeyedTransform,
+    Keys,
+    find_spec,
+    read_entry,
+)
 
 
 class PreviousAction(KeyedTransform):
@@ -147,7 +45,7 @@ class PreviousAction(KeyedTransform):
     def _step(
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
-        action = tensordict[self.in_keys[0]]
+        action = read_entry(tensordict, self.in_keys[0])
         batch = tensordict.batch_size
         if action.shape == (*batch, self.num_actions):
             action = action.to(torch.uint8).argmax(-1)
@@ -197,7 +95,8 @@ class PreviousReward(KeyedTransform):
         self.clip = clip
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        clipped = next_tensordict[self.in_keys[0]].clamp(-self.clip, self.clip)
+        reward = read_entry(next_tensordict, self.in_keys[0])
+        clipped = reward.clamp(-self.clip, self.clip)
         return next_tensordict.set(self.out_keys[0], clipped)
 
     def _reset(
@@ -220,7 +119,7 @@ class GoalViews(KeyedTransform):
 
     Args:
         cells: int64 ``[K, 2]``, row and column of the places where a goal can be.
-        views: uint8 ``[K, V, H, W, C]``, V views of each.
+        views: uint8 ``[K, V, H, W, C]``, V views of each, or with channels first.
         in_keys: key of the goal's cell, int64 ``[*B, 2]``, one of ``cells``.
         out_keys: key of the views, uint8 ``[*B, V, H, W, C]``.
 
@@ -267,7 +166,7 @@ class GoalViews(KeyedTransform):
         return next_tensordict.set(self.out_keys[0], shown)
 
     def _show(self, tensordict: TensorDictBase) -> TensorDictBase:
-        goal = tensordict[self.in_keys[0]]
+        goal = read_entry(tensordict, self.in_keys[0])
         self.to(goal.device)
         is_at = (goal.unsqueeze(-2) == self.cells).all(-1)
         if unknown := goal[~is_at.any(-1)].tolist():

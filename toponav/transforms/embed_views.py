@@ -10,6 +10,7 @@ from torchrl.data import TensorSpec, Unbounded
 
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
 from toponav.transforms.specs import Keys, ViewTransform
+from toponav.views import ChannelOrder, check_views
 
 Embed = Callable[[Tensor], Tensor]
 Compare = Callable[[Tensor, Tensor], Tensor]
@@ -24,9 +25,10 @@ class EmbedViews(ViewTransform):
     The network is a callable in ``eval()`` mode, neither moved nor saved with it.
 
     Args:
-        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
-        in_keys: keys of the views, ``[*B, H, W, C]``, ``network_pixels`` unless given.
+        embed: views ``[N, H, W, C]``, as they are, to embeddings ``[N, D]``.
+        in_keys: keys of the views, ``network_pixels`` unless given, see ``channels``.
         out_keys: keys of the embeddings, float32 ``[*B, D]``.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, C, H, W]``.
 
     Examples:
         >>> mean = EmbedViews(lambda views: views.float().mean((1, 2)))
@@ -36,14 +38,21 @@ class EmbedViews(ViewTransform):
     """
 
     def __init__(
-        self, embed: Embed, *, in_keys: Keys = None, out_keys: Keys = None
+        self,
+        embed: Embed,
+        *,
+        in_keys: Keys = None,
+        out_keys: Keys = None,
+        channels: ChannelOrder = "HWC",
     ) -> None:
-        super().__init__(in_keys or [NETWORK_PIXELS], out_keys or [EMBEDDING])
+        in_keys, out_keys = in_keys or [NETWORK_PIXELS], out_keys or [EMBEDDING]
+        super().__init__(in_keys, out_keys, channels=channels)
         # Inside a partial, a network is not registered as a part of this module.
         self._embed = partial(embed)
 
     @torch.no_grad()
     def _apply_transform(self, obs: Tensor) -> Tensor:
+        check_views("views", obs.shape, self.channels)
         embedding = self._embed(obs.reshape(-1, *obs.shape[-3:])).float()
         return embedding.reshape(*obs.shape[:-3], -1)
 

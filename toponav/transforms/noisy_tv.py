@@ -14,12 +14,13 @@ from toponav.transforms.specs import (
     ResizableBuffers,
     SeededMixin,
     ViewTransform,
+    read_views,
     restarting_rows,
 )
+from toponav.views import ChannelOrder, channels_last, view_size
 
 Quadrant = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
 Scale = Literal["quadrant", "native"]
-ChannelOrder = Literal["HWC", "CHW"]
 #: ``law(shape, generator)`` returns uint8 intensities of that shape, on the CPU.
 NoiseLaw = Callable[[tuple[int, ...], torch.Generator], Tensor]
 
@@ -64,7 +65,7 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
             ``"native"`` shows it pixel for pixel in its middle.
         law: ``"uniform"`` in 0..255 (the paper's), ``"binary"`` (0 or 255),
             ``"normal"`` (127.5, standard deviation 50, cut), or a `NoiseLaw`.
-        channels: ``"HWC"``, or ``"CHW"`` for views with the channels first.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, ..., C, H, W]``.
         seed: of noise and quadrants; ``None`` takes one from the operating system.
 
     Examples:
@@ -97,17 +98,15 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
             ("quadrant", quadrant, (None, *QUADRANTS)),
             ("scale", scale, get_args(Scale)),
             ("law", law, tuple(NOISE_LAWS) if isinstance(law, str) else (law,)),
-            ("channels", channels, get_args(ChannelOrder)),
         ):
             if given not in known:
                 raise ValueError(f"{name} must be one of {known}, got {given!r}")
         in_keys = in_keys or [PIXELS]
-        super().__init__(in_keys, out_keys or in_keys)
+        super().__init__(in_keys, out_keys or in_keys, channels=channels)
         self.size = size
         self.quadrant = quadrant
         self.scale = scale
         self.law: NoiseLaw = NOISE_LAWS[law] if isinstance(law, str) else law
-        self.channels_first = channels == "CHW"
         self.set_seed(seed)
         # Index into QUADRANTS of every env, [*B]; B is known at the first reset.
         self.register_buffer("corner", torch.empty(0, dtype=torch.int64))
@@ -130,8 +129,8 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         noises: dict[int, Tensor] = {}
         for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
-            views = next_tensordict[in_key]
-            count = views.shape[-3 if self.channels_first else -1]
+            views = read_views(next_tensordict, in_key, self.channels)
+            count = views.shape[-1 if self.channels == "HWC" else -3]
             if count not in noises:
                 noises[count] = self._draw_noise(self.corner.numel(), count)
             next_tensordict.set(out_key, self._paint(views, noises[count]))
@@ -148,8 +147,7 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     def _paint(self, views: Tensor, noise: Tensor) -> Tensor:
         painted = views.clone(memory_format=torch.contiguous_format)
         flat = painted.reshape(-1, *painted.shape[-3:])
-        if self.channels_first:
-            flat = flat.movedim(-3, -1)
+        flat = channels_last(flat, self.channels)
         height, width = flat.shape[1] // 2, flat.shape[2] // 2
         # Four quadrants as a view [N, 2, 2, H/2, W/2, C]; an odd last row or
         # column belongs to none of them.
@@ -180,7 +178,7 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
             raise ValueError(
                 f"{key!r} must be uint8 or floating point, got {view.dtype}"
             )
-        height, width = view.shape[-2:] if self.channels_first else view.shape[-3:-1]
+        height, width = view_size(view.shape, self.channels)
         smallest = 2 if self.scale == "quadrant" else 2 * self.size
         if min(height, width) < smallest:
             raise ValueError(

@@ -13,7 +13,13 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 
 from toponav import keys
-from toponav.transforms.specs import KeyedTransform, Keys, SeededMixin, find_spec
+from toponav.transforms.specs import (
+    KeyedTransform,
+    Keys,
+    SeededMixin,
+    find_spec,
+    read_entry,
+)
 
 #: When each reward pays. The text pays the first if the view is mapped to a waypoint,
 #: else the second: ``"exclusive"``. ``"sum"`` is the literal equation, which pays
@@ -59,7 +65,7 @@ class _NoveltyReward(KeyedTransform):
     _pay: Callable[..., Tensor]
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        entries = (next_tensordict[key] for key in self.in_keys)
+        entries = (read_entry(next_tensordict, key) for key in self.in_keys)
         return next_tensordict.set(self.out_keys[0], self._pay(*entries))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -14,6 +14,7 @@ from toponav.transforms.specs import (
     ResizableBuffers,
     find_spec,
     grow_slots,
+    read_entry,
     restarting_rows,
 )
 
@@ -90,7 +91,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        cell = tensordict_reset[self.in_keys[0]]
+        cell = read_entry(tensordict_reset, self.in_keys[0])
         shape = cell.shape[:-1]
         self.to(cell.device)
         if self.decisions.shape != shape:

@@ -10,7 +10,7 @@ from torch.nn import functional as F  # noqa: N812
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs.transforms import Transform
 
-_CHANNELS = (1, 3, 4)
+from toponav.views import ChannelOrder, check_order, check_views
 
 #: Keys as callers give them: ``None`` for the defaults.
 Keys = Sequence[NestedKey] | None
@@ -33,15 +33,19 @@ class KeyedTransform(Transform):
 
 
 class ViewTransform(Transform):
-    """Reads views ``[*B, H, W, C]`` and writes something for each."""
+    """Reads views, their channels first or last, and writes something for each."""
 
-    channels_first = False
     _spec_of: Callable[[NestedKey, TensorSpec], TensorSpec]
 
     def __init__(
-        self, in_keys: Sequence[NestedKey], out_keys: Sequence[NestedKey]
+        self,
+        in_keys: Sequence[NestedKey],
+        out_keys: Sequence[NestedKey],
+        *,
+        channels: ChannelOrder = "HWC",
     ) -> None:
         super().__init__(in_keys, out_keys)
+        self.channels = check_order(channels)
         if len(in_keys) != len(out_keys):
             raise ValueError(f"out_keys must match {self.in_keys}, got {self.out_keys}")
 
@@ -52,9 +56,7 @@ class ViewTransform(Transform):
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
-            view = find_views(
-                observation_spec, in_key, channels_first=self.channels_first
-            )
+            view = find_views(observation_spec, in_key, self.channels)
             observation_spec[out_key] = self._spec_of(in_key, view)
         return observation_spec
 
@@ -91,23 +93,29 @@ def find_spec(
     return spec
 
 
-def find_views(
-    specs: Composite, key: NestedKey, *, channels_first: bool = False
-) -> TensorSpec:
-    """The spec of views ``[*B, H, W, C]``; ValueError if they are something else."""
+def find_views(specs: Composite, key: NestedKey, channels: ChannelOrder) -> TensorSpec:
+    """The spec of views in an order; ValueError if they are something else."""
     spec = find_spec(specs, key)
-    shape = list(spec.shape)
-    if len(shape) < 3:
-        raise ValueError(f"{key!r} must be images, got {shape}")
-    here, there = (-3, -1) if channels_first else (-1, -3)
-    if shape[here] not in _CHANNELS and shape[there] in _CHANNELS:
-        order = "C, H, W" if channels_first else "H, W, C"
-        dims = (-1, -3, -2) if channels_first else (-2, -1, -3)
-        raise ValueError(
-            f"{key!r} must be [*B, {order}], got {shape}; put TorchRL's "
-            f"PermuteTransform({dims}) before this transform"
-        )
+    check_views(repr(key), spec.shape, channels)
     return spec
+
+
+def read_entry(tensordict: TensorDictBase, key: NestedKey) -> Tensor:
+    """An entry that a transform needs; KeyError if it is missing."""
+    entry: Tensor | None = tensordict.get(key, None)
+    if entry is None:
+        found = [str(name) for name in tensordict.keys(True, True)]
+        raise KeyError(f"the tensordict must have {key!r}, got {found}")
+    return entry
+
+
+def read_views(
+    tensordict: TensorDictBase, key: NestedKey, channels: ChannelOrder
+) -> Tensor:
+    """Views in an order; KeyError or ValueError for anything else."""
+    views = read_entry(tensordict, key)
+    check_views(repr(key), views.shape, channels)
+    return views
 
 
 class ResizableBuffers:

@@ -10,8 +10,15 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 
 from toponav import keys
 from toponav.transforms.embed_views import Compare, Embed, ViewSimilarity
-from toponav.transforms.specs import KeyedTransform, Keys, find_views, restarting_rows
+from toponav.transforms.specs import (
+    KeyedTransform,
+    Keys,
+    find_views,
+    read_views,
+    restarting_rows,
+)
 from toponav.transforms.waypoint_slots import CountOn, WaypointSlots
+from toponav.views import ChannelOrder, check_order
 
 _OUT_KEYS = [keys.EMBEDDING, keys.WAYPOINT, keys.SIMILARITY, keys.NOVEL]
 _OUT_KEYS += [keys.IS_NEW_WAYPOINT, keys.VISITS, keys.NUM_WAYPOINTS]
@@ -33,7 +40,7 @@ class WaypointMemory(KeyedTransform):
         The paper, "Formulate reward function", Fig. 5 and eq. 6.
 
     Args:
-        embed: views ``[N, H, W, C]`` to embeddings ``[N, D]``.
+        embed: views ``[N, H, W, C]``, as they are, to embeddings ``[N, D]``.
         compare: ``[N, D]`` and memory ``[N, M, P]`` to similarities ``[N, M]``, 0 to 1.
         prepare: embeddings ``[N, M, D]`` to entries ``[N, M, P]``; by default the same.
         capacity: the most waypoints of an episode.
@@ -43,8 +50,9 @@ class WaypointMemory(KeyedTransform):
         count_on: ``"every"`` decision at a waypoint is a visit (the paper's), or only
             the ``"entry"``: the last mapped view was mapped to another one.
         keep_images: keep the view of each waypoint, for `refresh`.
-        in_keys: key of the views, ``[*B, H, W, C]``, ``pixels`` unless given.
+        in_keys: key of the views, ``pixels`` unless given, see ``channels``.
         out_keys: keys of the embedding ``[*B, D]`` and of six entries ``[*B, 1]``.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, C, H, W]``.
 
     Examples:
         >>> def view(red):
@@ -75,8 +83,10 @@ class WaypointMemory(KeyedTransform):
         keep_images: bool = False,
         in_keys: Keys = None,
         out_keys: Keys = None,
+        channels: ChannelOrder = "HWC",
     ) -> None:
         super().__init__(in_keys, out_keys)
+        self.channels = check_order(channels)
         self.similarity = ViewSimilarity(embed, compare, prepare)
         self._set_threshold(threshold)
         self.slots = WaypointSlots(
@@ -147,6 +157,9 @@ class WaypointMemory(KeyedTransform):
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
         shape, views = self._views(next_tensordict)
+        if (envs := len(self.slots.num_waypoints)) != len(views):
+            rule = f"a step must follow a reset of the same {len(views)} envs"
+            raise ValueError(f"{rule}, got one of {envs}")
         embedding = self.similarity.embed(views)
         memory = self.slots.memory[:, : self.slots.num_used]
         known = self.similarity.compare(embedding, memory)
@@ -165,7 +178,7 @@ class WaypointMemory(KeyedTransform):
         return self._write(next_tensordict, shape, [embedding, *flags])
 
     def _views(self, tensordict: TensorDictBase) -> tuple[torch.Size, Tensor]:
-        views = tensordict[self.in_keys[0]]
+        views = read_views(tensordict, self.in_keys[0], self.channels)
         return views.shape[:-3], views.reshape(-1, *views.shape[-3:])
 
     def _embed_into(self, envs: Tensor, slot: Tensor, views: Tensor) -> Tensor:
@@ -202,7 +215,7 @@ class WaypointMemory(KeyedTransform):
         return tensordict
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        view = find_views(observation_spec, self.in_keys[0])
+        view = find_views(observation_spec, self.in_keys[0], self.channels)
         batch, device = view.shape[:-3], view.device
         length = self.similarity.embedding_length(view)
         number = Unbounded((*batch, 1), device, torch.int64)

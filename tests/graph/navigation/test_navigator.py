@@ -250,6 +250,21 @@ def test_it_looks_along_its_path_first(follow, second):
     assert decided[PLACE].item() == field.number(second)
 
 
+def test_one_hot_actions_are_the_same_ones(grid):
+    decided = make_navigator(grid)(view_of(START))
+    navigator = make_navigator(grid)
+    navigator.one_hot = True
+    one_hot = navigator(view_of(START))[ACTION]
+    assert one_hot.shape == (1, 4)
+    assert one_hot.sum() == 1
+    assert one_hot.argmax(-1).tolist() == decided[ACTION].tolist()
+
+
+def test_what_is_missing_is_named(grid):
+    with pytest.raises(KeyError, match=r"must have 'goal_views' \(GoalViews, Previous"):
+        make_navigator(grid)(view_of(START).exclude(GOAL_VIEWS))
+
+
 def test_who_gives_up_looks_beside_its_path(grid):
     # It stands at (1, 2) and (1, 3) is closed. What it believes is (1, 1), half alike,
     # from where a way leads on; once it gave up on that it finds that it is at (1, 2).

@@ -6,6 +6,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torch.nn.functional import one_hot
 
 from toponav import keys
 from toponav.graph.navigation.goals import GoalNodes
@@ -42,8 +43,8 @@ class Navigator(TensorDictModuleBase):
        ``block_on="edge"`` it is the edge that it did not get over (`EdgeProgress`), and
        no other. If no path is left, the oldest cut opens again.
 
-    It writes the action, int64 ``[*B]``, and what it decided, as `toponav.keys`
-    describes it, and reads no privileged key.
+    It writes the action, int64 ``[*B]`` or one-hot, and what it decided, as
+    `toponav.keys` describes it, and reads no privileged key.
 
     It is a policy for any TorchRL collector or rollout, with any batch shape. Its state
     has one row an env, which resets where ``is_init`` is true; a new version of the map
@@ -62,6 +63,8 @@ class Navigator(TensorDictModuleBase):
         in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
             ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
             and, with a ``goal_reward``, of the reward before (`PreviousReward`).
+        one_hot: write actions as int64 ``[*B, A]``, as TorchRL's ``GymEnv`` takes them
+            unless it is told otherwise.
         seed: of the actions drawn.
     """
 
@@ -75,6 +78,7 @@ class Navigator(TensorDictModuleBase):
         *,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
+        one_hot: bool = False,
         seed: int = 0,
     ) -> None:
         super().__init__()
@@ -91,6 +95,7 @@ class Navigator(TensorDictModuleBase):
         self.locomotion = locomotion
         self.rules = rules
         self.goal_reward = goal_reward
+        self.one_hot = one_hot
         self.generator = torch.Generator().manual_seed(seed)
         self.localiser = Localiser(map, compare, rules)
         # Number of agents and version of the map that the state is for.
@@ -115,6 +120,12 @@ class Navigator(TensorDictModuleBase):
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        found = list(tensordict.keys(True, True))
+        for key in self.in_keys:
+            if key not in found:
+                writers = "GoalViews, PreviousReward and TorchRL's InitTracker"
+                rule = f"the tensordict must have {key!r} ({writers} write goal views"
+                raise KeyError(f"{rule}, reward and first decisions), got {found}")
         data = tensordict.select(*self.in_keys).reshape(-1)
         views, goal_views, is_init = (data[key] for key in self.in_keys[:3])
         embedding = self.embed(views).float()
@@ -149,7 +160,8 @@ class Navigator(TensorDictModuleBase):
         )
         shape, device = tensordict.batch_size, tensordict.device
         action = self._act(place, target, embedding)
-        tensordict.set(keys.ACTION, action.reshape(shape).to(device))
+        action = action.reshape(shape + action.shape[1:]).to(device)
+        tensordict.set(keys.ACTION, action)
         for key, value in zip(_DECIDED, decided, strict=True):
             tensordict.set(key, value.reshape(*shape, 1).to(device))
         return tensordict
@@ -215,4 +227,6 @@ class Navigator(TensorDictModuleBase):
         at_goal = (place >= 0) & (place == target)
         there = torch.where(at_goal.unsqueeze(1), self.goals.view_at(place), there)
         logits = self.locomotion(embedding, there.to(embedding.device))
-        return self.sampler.draw(logits.float().cpu(), place >= 0, embedding.cpu())
+        logits = logits.float().cpu()
+        drawn = self.sampler.draw(logits, place >= 0, embedding.cpu())
+        return one_hot(drawn, logits.shape[1]) if self.one_hot else drawn
