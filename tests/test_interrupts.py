@@ -1,11 +1,13 @@
 """Ctrl-C and SIGTERM at a moment when a recipe still imports other modules."""
 
 import importlib
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -70,6 +72,25 @@ def test_other_signals_are_silent(
     done = interrupt(recipe, tmp_path, name=name, number=number, ignored=ignored)
     assert (done.returncode, done.stderr) == (status, "")
     assert done.stdout == ("" if status else "went on\n")
+
+
+@pytest.mark.parametrize("alive", [True, False])
+def test_a_process_whose_run_was_killed_ends_without_a_word(
+    alive: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run = SimpleNamespace(is_alive=lambda: alive)
+    monkeypatch.setattr(multiprocessing, "parent_process", lambda: run)
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        catch_early("__mp_main__")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    error = ConnectionResetError("by peer")
+    sys.excepthook(type(error), error, None)
+    assert ("by peer" in capsys.readouterr().err) == alive
 
 
 def test_who_imports_a_recipe_keeps_its_signals() -> None:

@@ -1,11 +1,12 @@
 """Ctrl-C and SIGTERM while a recipe is still imported, which takes seconds."""
 
+import multiprocessing
 import os
 import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
+from types import FrameType, TracebackType
 
 Handler = Callable[[int, FrameType | None], object]
 
@@ -16,13 +17,15 @@ def catch_early(name: str) -> None:
     Until `catch_as_usual` the first Ctrl-C or SIGTERM ends the process: nothing has
     begun, and an exception might get lost in whatever is imported. Processes that a
     recipe spawns import it too; they leave Ctrl-C to the run, which ends them, and so
-    do their engines. Any other import of the recipe changes nothing.
+    do their engines, and end without a word if it was killed. Any other import of the
+    recipe changes nothing.
 
     Args:
         name: the ``__name__`` of the recipe.
     """
     if name == "__mp_main__":
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        sys.excepthook = _say_unless_orphaned
     elif name == "__main__":
         _replace(signal.default_int_handler, _leave)
         signal.signal(signal.SIGTERM, _leave)
@@ -45,3 +48,12 @@ def _leave(number: int, _frame: FrameType | None) -> None:
         sentence = f"{Path(sys.argv[0]).stem}: stopped by Ctrl-C\n"
         os.write(2, sentence.encode())  # standard error, without a lock or a buffer
     os._exit(128 + number)
+
+
+def _say_unless_orphaned(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    # Threads of multiprocessing answer a run that is killed meanwhile.
+    run = multiprocessing.parent_process()
+    if run is None or run.is_alive():
+        sys.__excepthook__(kind, error, trace)
