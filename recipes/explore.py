@@ -62,6 +62,8 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     episodes = None
     if settings.resume:
         episodes = training.restore_exploration(folder, state, consumers)
+        # A run that is over goes on if it is given more decisions.
+        state.count(0, state.seconds, settings.collect)
     else:
         training.save_exploration(folder, state, consumers)
 

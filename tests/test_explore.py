@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import shutil
 import signal
 import subprocess
 import sys
@@ -187,6 +188,22 @@ def test_a_run_that_was_killed_ends_as_if_it_had_not_been(
     for one, other in zip(*logs, strict=True):
         if "second" not in one.name:
             assert one.read_text() == other.read_text(), one.name
+
+
+@pytest.mark.slow
+def test_a_run_that_is_over_goes_on_with_more_decisions(
+    run: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    words = ("collect.decisions=1280", "evaluate.episodes=1", "locomotion.updates=3")
+    done = explore(f"resume={folder}", *words)
+    assert done.returncode == 0, done.stderr
+    metrics = rows(folder / "metrics.csv")
+    assert [row["decisions"] for row in metrics][-2:] == ["1024", "1280"]
+    assert rows(folder / "episodes.csv")[:13] == rows(run / "episodes.csv")
+    state = torch.load(folder / "checkpoint.pt", weights_only=True)["state"]
+    assert (state["decisions"], state["progress"]) == (1280, 1.0)
 
 
 @pytest.mark.slow
