@@ -57,8 +57,8 @@ def main() -> None:
             reward = replace(settings.reward, threshold=threshold)
             changed = replace(settings, reward=reward)
             _, sums = compute_rewards(changed, world, networks, seen)
-            paid, new = sums[0], sums[1]
-            row = [name, coverage, threshold, paid.mean(), paid.std(), new.mean()]
+            total, new = sums[0], sums[1]
+            row = [name, coverage, threshold, total.mean(), total.std(), new.mean()]
             rows.append([name, *(round(float(value), 3) for value in row[1:])])
             print(*rows[-1], flush=True)
     if options.out:

@@ -97,7 +97,7 @@ def record(
 ) -> list[TensorDictBase]:
     """Embeddings, poses and coverage of a policy, ``[E]`` for each decision.
 
-    The embeddings have the shape of views, ``[E, 1, 1, D]``, as the memory wants them.
+    The embeddings have the shape of grey views, ``[E, 1, D, 1]``, for the memory.
     """
     keys = [EMBEDDING, POSITION, HEADING, COVERAGE]
     explorer = Explorer(
@@ -114,7 +114,7 @@ def record(
     finally:
         env.close()
     seen = played.frames.unbind(1)
-    return [data.set(VIEW, data.pop(EMBEDDING)[:, None, None]) for data in seen]
+    return [data.set(VIEW, data.pop(EMBEDDING)[:, None, :, None]) for data in seen]
 
 
 @torch.no_grad()
