@@ -31,8 +31,7 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
     The trunk and the LSTM run once; ``ClipPPOLoss`` sees two linear heads on their
     outputs. Call `estimate_advantage` on a collected batch, before the passes over it.
     The critic's loss grows with the square of the returns: put `ReturnScale` before it
-    where rewards are not small. Without it PPO did not learn CartPole, whose returns
-    are up to 100.
+    where rewards are not small.
 
     Reference:
         Schulman et al., "Proximal Policy Optimization Algorithms" (2017).
