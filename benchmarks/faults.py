@@ -301,10 +301,16 @@ def judge(
     if silent and status == 128 + signal.SIGTERM and "SIGTERM" in target:
         silent = False
     if "Traceback" in said or silent:
-        faults["traceback"] = f"[{status}] {said[-1500:]}"
+        faults["traceback"] = f"[{status}] {brief(said)}"
     if broken := broken_files(place.run, cut=True):
         faults["broken"] = broken
     return faults
+
+
+def brief(said: str) -> str:
+    """The end of what a run said, without its progress bars and the place of Python."""
+    lines = [line for line in said.splitlines() if "%|" not in line and line.strip()]
+    return "\n".join(lines).replace(sys.base_prefix, "")[-1500:]
 
 
 def resume(place: Place, name: str, again: list[str], faults: dict[str, Any]) -> str:
@@ -317,10 +323,10 @@ def resume(place: Place, name: str, again: list[str], faults: dict[str, Any]) ->
         status = place.start(again, how, ROOT).wait(LIMIT_S)
     said = place.said(how)
     if status != 0:
-        faults["resume"] = f"[{status}] {said[-1500:]}"
+        faults["resume"] = f"[{status}] {brief(said)}"
         return "failed"
     if "Traceback" in said:
-        faults["traceback"] = said[-1500:]
+        faults["traceback"] = brief(said)
     if broken := broken_files(place.run):
         faults["broken"] = broken
     if stray := temporary_files(place.run):
