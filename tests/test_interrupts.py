@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM at a moment when a recipe still imports other modules."""
+"""Ctrl-C and SIGTERM while a recipe imports other modules, and after its last line."""
 
 import importlib
 import multiprocessing
@@ -6,11 +6,13 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from toponav.config import SettingsError
 from toponav.interrupts import catch_as_usual, catch_early
 
 REPOSITORY = Path(__file__).parent.parent
@@ -21,6 +23,18 @@ import os, signal, time
 os.kill(os.getpid(), signal.{})
 print("went on", flush=True)
 os._exit(0)
+"""
+#: Gets the signal when Python frees its modules and has no handlers any more.
+LATE = """
+import os, signal
+from toponav.interrupts import ignore_signals
+
+class Last:
+    def __del__(self, kill=os.kill, me=os.getpid()):
+        kill(me, signal.{})
+
+last = Last()
+ignore_signals()
 """
 RUN = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='{}')"
 
@@ -97,6 +111,46 @@ def test_who_imports_a_recipe_keeps_its_signals() -> None:
     before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
     importlib.reload(importlib.import_module("recipes.tour"))
     assert before == [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_after_the_last_line_changes_nothing(number: signal.Signals) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LATE.format(number.name)],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_recipe_ignores_signals_once_its_last_job_is_done(
+    fails: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def jobs() -> None:
+        # Between the jobs of a sweep they are answered.
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_IGN
+        if fails:
+            raise SettingsError("a setting must be right, got a wrong one")
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    monkeypatch.setattr("sys.argv", ["tour.py"])
+    monkeypatch.setattr("hydra.main", lambda **_: lambda _: jobs)
+    main = importlib.import_module("recipes.tour").main
+    try:
+        with pytest.raises(SystemExit) if fails else nullcontext():
+            main()
+        ignored = [signal.getsignal(number) is signal.SIG_IGN for number in numbers]
+        # What failed may take long to clean up: a second Ctrl-C insists.
+        assert ignored == 2 * [not fails]
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_ctrl_c_raises_again_once_everything_is_imported() -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM while a recipe is still imported, which takes seconds."""
+"""Ctrl-C and SIGTERM while a recipe is still imported, and once its work is done."""
 
 import multiprocessing
 import os
@@ -35,6 +35,16 @@ def catch_as_usual() -> None:
     """Let Ctrl-C raise ``KeyboardInterrupt`` again, and SIGTERM ``SystemExit``."""
     _replace(_leave, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+
+
+def ignore_signals() -> None:
+    """Let the process end in peace: its work is done, and Ctrl-C or SIGTERM is late.
+
+    Python restores the handlers of the system before it frees its modules, but leaves
+    alone what is ignored.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _replace(before: Handler, handler: Handler) -> None:

@@ -19,7 +19,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from toponav.config import RECIPES, SettingsError, read_yaml, require
-from toponav.interrupts import catch_as_usual
+from toponav.interrupts import catch_as_usual, ignore_signals
 from toponav.methods import METHODS, register
 from toponav.refusals import (
     REFUSALS,
@@ -61,7 +61,8 @@ def recipe(
 
     Hydra composes ``conf/<name>.yaml`` and the command line, makes the run folder and
     starts sweeps (``-m``). A bad setting is one sentence on standard error and exit
-    status 2. SIGTERM ends the run like ``sys.exit``. ``resume=<run folder>`` continues
+    status 2. SIGTERM ends the run like ``sys.exit``; after its last job the process
+    takes no signals any more. ``resume=<run folder>`` continues
     in that folder; what the command line says comes on top.
 
     Args:
@@ -102,6 +103,8 @@ def recipe(
                     arguments = named_folder(arguments, first)
                 sys.argv[1:] = resumed_arguments(arguments, name)
                 start()
+                # Inside: until here Ctrl-C is one sentence.
+                ignore_signals()
 
         return main
 
