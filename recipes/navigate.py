@@ -5,9 +5,11 @@
 
 The agent gets pictures of the goal, the map that was built while exploring, and the
 networks of that run: no position, no plan of the maze. Beside it play an oracle that
-walks shortest paths and an agent that acts at random, in the same episodes. The run
-folder gets ``summary.csv`` and ``summary.md`` (means, 95 % intervals, and what went
-wrong), ``episodes.csv``, ``success.png``, ``path.png`` and ``walk.mp4``.
+walks shortest paths and an agent that acts at random, in the same episodes; and, if
+``evaluate.policies`` names them, navigators that are told the truth about one part of
+the task, which says where goals are lost. The run folder gets ``summary.csv`` and
+``summary.md`` (means, 95 % intervals, and what went wrong), ``episodes.csv``,
+``goals.png``, ``success.png``, ``path.png`` and ``walk.mp4``.
 """
 
 from toponav.interrupts import catch_early
@@ -29,6 +31,7 @@ from toponav.reports import (
     markdown_summary,
     play_policies,
     summary_row,
+    write_goals,
     write_path,
     write_success,
     write_walk,
@@ -67,6 +70,7 @@ def main(settings: NavigateConfig, folder: Path) -> None:
 
     # Pictures: how soon, one path on the plan, and what the agent saw.
     write_success(folder, played, title=title)
+    write_goals(folder, rows, title=title)
     for one in played:
         if one.policy == CHOSEN:
             write_path(folder, one, knowledge, truth)

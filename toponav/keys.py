@@ -54,6 +54,9 @@ COVERAGE: NestedKey = (PRIVILEGED, "coverage")
 COVERAGE_REWARD: NestedKey = (PRIVILEGED, "coverage_reward")
 #: int64 [L]; decisions to each of L levels, -1 if not yet. Coverage -> evaluation.
 DECISIONS_TO_COVERAGE: NestedKey = (PRIVILEGED, "decisions_to_coverage")
+#: int64 [1]; the waypoint of a navigator's map that is nearest in truth, -1 on an empty
+#: one. TruePlace -> a Navigator that is told its place, for diagnosis.
+TRUE_PLACE: NestedKey = (PRIVILEGED, "true_place")
 #: bool [1]; a new one beside one that looks the same way. WaypointTruth -> figures.
 SPURIOUS_WAYPOINT: NestedKey = (PRIVILEGED, "spurious_waypoint")
 

@@ -9,6 +9,7 @@ from toponav.plotting.curves import (
     draw_success as draw_success,
     draw_training as draw_training,
 )
+from toponav.plotting.goals import draw_goals as draw_goals
 from toponav.plotting.maps import (
     draw_exploration as draw_exploration,
     draw_graph as draw_graph,

@@ -20,6 +20,7 @@ from toponav.reports.navigation_report import (
     markdown_summary as markdown_summary,
     play_policies as play_policies,
     summary_row as summary_row,
+    write_goals as write_goals,
     write_path as write_path,
     write_success as write_success,
     write_walk as write_walk,

@@ -173,6 +173,20 @@ def write_success(
     plotting.save_figure(figure, folder / "success.png")
 
 
+def write_goals(folder: Path, rows: Sequence[Row], *, title: str) -> None:
+    """Draw ``goals.png``: the goals of each policy, from its rows of the summary."""
+    goals = {
+        str(row["policy"]): (
+            float(row["goals"]),
+            float(row["goals_low"]),
+            float(row["goals_high"]),
+        )
+        for row in rows
+    }
+    figure = plotting.draw_goals(goals, best="oracle", title=title)
+    plotting.save_figure(figure, folder / "goals.png")
+
+
 def write_path(
     folder: Path,
     episodes: NavigationEpisodes,

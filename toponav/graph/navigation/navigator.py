@@ -63,6 +63,9 @@ class Navigator(TensorDictModuleBase):
         in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
             ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
             and, with a ``goal_reward``, of the reward before (`PreviousReward`).
+        place_key: of the waypoint where each agent is, int64 ``[*B, 1]``, -1 where it
+            is not known: for a diagnosis that tells agents their place. By default they
+            find it by their views.
         one_hot: write actions as int64 ``[*B, A]``, as TorchRL's ``GymEnv`` takes them
             unless it is told otherwise.
         seed: of the actions drawn.
@@ -78,6 +81,7 @@ class Navigator(TensorDictModuleBase):
         *,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
+        place_key: NestedKey | None = None,
         one_hot: bool = False,
         seed: int = 0,
     ) -> None:
@@ -89,6 +93,9 @@ class Navigator(TensorDictModuleBase):
         self.out_keys = [keys.ACTION, *_DECIDED]
         if len(self.in_keys) != len(wanted):
             raise ValueError(f"in_keys must be {len(wanted)}, got {self.in_keys}")
+        self.place_key = place_key
+        if place_key is not None:
+            self.in_keys.append(place_key)
         self.map = map
         self.embed = embed
         self.compare = compare
@@ -140,7 +147,7 @@ class Navigator(TensorDictModuleBase):
             moved = begins | (reward >= self.goal_reward)
         self._restart(moved)
 
-        place = self._locate(embedding)
+        place = self._locate(embedding, data)
         changed = begins | self.plans.pass_decision() | self.goals.wait(place)
         self.plans.plan(changed.nonzero().flatten().tolist())
         self.progress.restart(changed)
@@ -184,7 +191,10 @@ class Navigator(TensorDictModuleBase):
         self.sampler.forget(agents)
         self._lost_left[agents] = 0
 
-    def _locate(self, embedding: Tensor) -> Tensor:
+    def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
+        if self.place_key is not None:
+            self.localiser.place = data[self.place_key].reshape(-1).cpu().clone()
+            return self.localiser.place.clone()
         last, path = self.localiser.place, None
         if self.rules.follow:
             leaves = self._gave_up | self.plans.cost(last).isinf()

@@ -5,7 +5,11 @@ from collections.abc import Iterator, Mapping
 from tensordict.nn import TensorDictModuleBase
 
 from toponav.builders import AgentKnowledge, GoalPlaces, GroundTruth
-from toponav.config import NavigateConfig, NavigatorConfig, require
+from toponav.config import NavigateConfig, NavigatorConfig, SettingsError, require
+from toponav.methods.navigators.diagnosis import (
+    DIAGNOSES as DIAGNOSES,
+    make_diagnosis as make_diagnosis,
+)
 from toponav.methods.navigators.method import NavigatorMethod as NavigatorMethod
 from toponav.methods.navigators.oracle import ORACLE
 from toponav.methods.navigators.random import RANDOM
@@ -26,12 +30,22 @@ def make_policies(
 ) -> dict[str, TensorDictModuleBase]:
     """Who plays, by name, in the order of ``evaluate.policies``.
 
-    Only methods that declare the ``truth`` get it. Raises `SettingsError` if a name is
-    unknown, or of a navigator with settings that ``navigator`` does not choose.
+    Only methods that declare the ``truth`` and `DIAGNOSES` get it. Raises
+    `SettingsError` if a name is unknown, or of a navigator with settings that
+    ``navigator`` does not choose.
     """
     given = {"world": knowledge.world, "knowledge": knowledge, "truth": truth}
-    policies = {}
+    policies = dict[str, TensorDictModuleBase]()
     for name in settings.evaluate.policies:
+        if name in DIAGNOSES:
+            policies[name] = make_diagnosis(
+                _diagnosed(name, settings),
+                DIAGNOSES[name],
+                knowledge=knowledge,
+                truth=truth,
+                seed=settings.seed,
+            )
+            continue
         config = _config(name, settings)
         method = NAVIGATORS[config.name]
         needed = {need: given[need] for need in method.needs}
@@ -44,12 +58,21 @@ def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
     chosen = settings.navigator
     if name in (CHOSEN, chosen.name):
         return chosen
-    known = (CHOSEN, *NAVIGATORS)
+    known = (CHOSEN, *NAVIGATORS, *DIAGNOSES)
     require(name in known, f"evaluate.policies must be one of {', '.join(known)}", name)
     rule = "evaluate.policies must name a navigator without settings beside "
     rule += f"{CHOSEN}, which is navigator={chosen.name}"
     require(NAVIGATORS[name].schema is NavigatorConfig, rule, name)
     return NavigatorConfig(name=name)
+
+
+def _diagnosed(name: str, settings: NavigateConfig) -> TopologicalConfig:
+    """The settings of the navigator that is told the truth."""
+    chosen = settings.navigator
+    if not isinstance(chosen, TopologicalConfig):
+        rule = f"evaluate.policies must name {name} with navigator=topological alone"
+        raise SettingsError(f"{rule}, got navigator={chosen.name}")
+    return chosen
 
 
 def warn_of_goals(
@@ -59,6 +82,8 @@ def warn_of_goals(
 ) -> Iterator[str]:
     """What navigators have to say about goals that they cannot know, in sentences."""
     for name, policy in policies.items():
+        if name in DIAGNOSES:
+            continue
         warn = NAVIGATORS[_config(name, settings).name].warn_of_goals
         if warn and (sentence := warn(policy, places)):
             yield sentence

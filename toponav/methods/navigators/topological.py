@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 
 import torch
 from omegaconf import MISSING
+from tensordict import NestedKey
 from torch import Tensor
 
 from toponav.builders import AgentKnowledge, GoalPlaces
@@ -58,12 +59,19 @@ class NavigatorMap:
 
 
 def make_navigator(
-    config: TopologicalConfig, *, knowledge: AgentKnowledge, seed: int = 0
+    config: TopologicalConfig,
+    *,
+    knowledge: AgentKnowledge,
+    edges: tuple[Tensor, Tensor] | None = None,
+    place_key: NestedKey | None = None,
+    seed: int = 0,
 ) -> Navigator:
     """The agent: map and networks of an exploration, and the settings of this run.
 
-    If the L-network has an encoder of its own, an embedding is that of both networks
-    side by side: the map itself has those of the TC-network alone.
+    A diagnosis tells it ``edges`` ``[E, 2]`` with costs ``[E]`` in place of the map's,
+    and by ``place_key`` where it is; an agent gets neither. If the L-network has an
+    encoder of its own, an embedding is that of both networks side by side: the map
+    itself has those of the TC-network alone.
     """
     known, tc = knowledge.map, knowledge.networks.tc
     locomotion, length = knowledge.networks.locomotion, known.embeddings.shape[1]
@@ -88,13 +96,16 @@ def make_navigator(
             parts = known.waypoints.images.split(_VIEWS_AT_ONCE)
             own = torch.cat([locomotion.encoder(part).float() for part in parts])
         embeddings = torch.cat([embeddings, own], 1)
-    cost = torch.where(known.graph.traversals > 0, 1.0, config.untraversed_edge_cost)
+    if edges is None:
+        walked = known.graph.traversals > 0
+        cost = torch.where(walked, 1.0, config.untraversed_edge_cost)
+        edges = known.edges, cost.float()
     navigator_map = NavigatorMap(
         num_waypoints=known.num_waypoints,
         embeddings=embeddings,
         prepared=known.prepared,
-        edges=known.edges,
-        edge_cost=cost.float(),
+        edges=edges[0],
+        edge_cost=edges[1],
         version=known.version,
     )
     return Navigator(
@@ -104,6 +115,7 @@ def make_navigator(
         act,
         config.rules(tc_reach=known.rules.tc_reach),
         goal_reward=knowledge.world.goal_reward,
+        place_key=place_key,
         seed=seed,
     )
 

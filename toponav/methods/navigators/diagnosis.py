@@ -1,0 +1,50 @@
+"""Diagnosis: the chosen navigator, told the truth about parts of its task.
+
+What it gains in goals by a truth is what the part that the truth replaces costs. These
+policies read privileged keys and are no agents.
+"""
+
+from collections.abc import Collection
+from typing import Literal
+
+from tensordict.nn import TensorDictModuleBase, TensorDictSequential
+
+from toponav.builders import AgentKnowledge, GroundTruth
+from toponav.keys import TRUE_PLACE
+from toponav.methods.navigators.topological import TopologicalConfig, make_navigator
+from toponav.methods.navigators.truths import TruePlace, TrueSteering, true_edges
+
+#: What a navigator may be told: the edges of its map, with their costs; the waypoint
+#: where it is; the way to its next target.
+Told = Literal["map", "place", "controller"]
+#: By the name that ``evaluate.policies`` takes.
+DIAGNOSES: dict[str, tuple[Told, ...]] = {
+    "perfect_controller": ("controller",),
+    "perfect_place": ("place",),
+    "perfect_map": ("map",),
+    "perfect_controller_place": ("controller", "place"),
+    "perfect_controller_map": ("controller", "map"),
+    "perfect_place_map": ("place", "map"),
+}
+
+
+def make_diagnosis(
+    config: TopologicalConfig,
+    told: Collection[Told],
+    *,
+    knowledge: AgentKnowledge,
+    truth: GroundTruth,
+    seed: int = 0,
+) -> TensorDictModuleBase:
+    """A topological navigator that is ``told`` some truths, and finds out the rest."""
+    world = knowledge.world
+    navigator = make_navigator(
+        config,
+        knowledge=knowledge,
+        edges=true_edges(truth, world=world) if "map" in told else None,
+        place_key=TRUE_PLACE if "place" in told else None,
+        seed=seed,
+    )
+    before = [TruePlace(truth, world=world)] if "place" in told else []
+    after = [TrueSteering(truth, world=world)] if "controller" in told else []
+    return TensorDictSequential(*before, navigator, *after)

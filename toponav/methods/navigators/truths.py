@@ -1,0 +1,157 @@
+"""The truths that a diagnosis tells a navigator: place, edges, and how to steer.
+
+They read privileged keys, and no agent gets them.
+"""
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from toponav.builders import GroundTruth
+from toponav.ground_truth import Steering, bearing, cell_centres, wrap_degrees
+from toponav.keys import (
+    ACTION,
+    BLOCKED,
+    CELL,
+    GOAL_CELL,
+    HEADING,
+    PLACE,
+    POSITION,
+    TARGET,
+    TRUE_PLACE,
+)
+from toponav.worlds import WorldSpec
+
+#: Cells of a route that steering looks at.
+_HOPS = 3
+#: A waypoint is reached, but for its direction, within this share of a step.
+_THERE = 0.75
+#: True edges join views up to so many cells and degrees apart, of which there is one
+#: in each so long part of a cell for each so wide a direction.
+_AWAY, _TURN, _PART, _DIRECTION = 1.1, 100.0, 0.5, 45.0
+
+
+class TruePlace(TensorDictModuleBase):
+    """Writes which of a map's waypoints is the nearest to each agent.
+
+    Nearest in decisions: the steps to it and the turns to look its way, among the
+    waypoints in the agent's cell, or among all on foot if there is none.
+
+    Args:
+        truth: of the maze and of the map's waypoints.
+        world: whose decisions count.
+    """
+
+    in_keys = [POSITION, HEADING]
+    out_keys = [TRUE_PLACE]
+
+    def __init__(self, truth: GroundTruth, *, world: WorldSpec) -> None:
+        super().__init__()
+        self.truth = truth
+        self.motion = Steering(world).motion
+        self._cells = truth.distances.cell_numbers(truth.poses[:, :2])
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        data = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        position, poses = data[POSITION], self.truth.poses
+        distances = self.truth.distances
+        away = torch.cdist(position, poses[:, :2])
+        elsewhere = distances.cell_numbers(position).unsqueeze(1) != self._cells
+        alone = elsewhere.all(1)
+        if alone.any():
+            here = position[alone].unsqueeze(1).expand(-1, len(poses), -1)
+            away[alone] = distances.geodesic(here, poses[:, :2].expand_as(here))
+            elsewhere[alone] = False
+        turned = wrap_degrees(data[HEADING] - poses[:, 2]).abs()
+        cost = away / self.motion.step + turned / self.motion.turn
+        nearest = cost.masked_fill(elsewhere, torch.inf).argmin(1)
+        place = nearest.reshape(*tensordict.batch_size, 1).to(tensordict.device)
+        return tensordict.set(TRUE_PLACE, place)
+
+
+class TrueSteering(TensorDictModuleBase):
+    """Replaces the action by one that leads to the navigator's target.
+
+    It follows the shortest route to where the target was seen, around closed slots, and
+    turns there until it looks the same way; at the goal's own waypoint it goes to the
+    goal. The actions of an agent that is lost stay as they are.
+
+    Args:
+        truth: of the maze and of the map's waypoints.
+        world: that it steers in.
+    """
+
+    in_keys = [ACTION, PLACE, TARGET, POSITION, HEADING, CELL, GOAL_CELL, BLOCKED]
+    out_keys = [ACTION]
+
+    def __init__(self, truth: GroundTruth, *, world: WorldSpec) -> None:
+        super().__init__()
+        self.truth = truth
+        self.steering = Steering(world)
+        routes = truth.distances.routes
+        size = self.steering.motion.cell_size
+        self._centres = cell_centres(routes.cells, routes.shape[0], size)
+        self._cells = truth.distances.cell_numbers(truth.poses[:, :2])
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        data = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        action = data[ACTION]
+        knows = data[PLACE].squeeze(1) >= 0
+        steered = self._steer(data[knows]) if knows.any() else action[:0]
+        action = action.masked_scatter(knows, steered)
+        action = action.reshape(tensordict.batch_size).to(tensordict.device)
+        return tensordict.set(ACTION, action)
+
+    def _steer(self, data: TensorDictBase) -> Tensor:
+        routes, motion = self.truth.distances.routes, self.steering.motion
+        target = data[TARGET].squeeze(1)
+        at_goal = target < 0
+        goal = routes.number(data[GOAL_CELL].clamp(min=0))
+        pose = self.truth.poses[target]
+        aim = torch.where(at_goal.unsqueeze(1), self._centres[goal], pose[:, :2])
+        end = torch.where(at_goal, goal, self._cells[target])
+        position, heading = data[POSITION], data[HEADING].squeeze(1)
+        table, here = routes.tables(data[BLOCKED]), routes.number(data[CELL])
+        path = self._centres[routes.path(table, here, end, hops=_HOPS)]
+        along = self.steering(path, position, heading)
+        # Nothing stands between two points of the same or of neighbouring cells.
+        straight = self.steering.towards(wrap_degrees(bearing(position, aim) - heading))
+        is_beside = routes.distances[table, here, end] <= 1
+        is_there = (position - aim).norm(dim=1) <= _THERE * motion.step
+        turn = self.steering.towards(wrap_degrees(pose[:, 2] - heading))
+        action = torch.where(is_beside, straight, along)
+        return torch.where(is_there & is_beside & ~at_goal, turn, action)
+
+
+def true_edges(truth: GroundTruth, *, world: WorldSpec) -> tuple[Tensor, Tensor]:
+    """The edges that a map of these waypoints should have, and their costs.
+
+    One waypoint stands for each half of a cell, east and north, and each direction of
+    45 degrees. Those of them that lie within 1.1 cells on foot and look at most 100
+    degrees apart are joined, and each other waypoint is joined with the one that stands
+    for it. Costs are decisions, steps and turns.
+
+    Returns:
+        Edges, int64 ``[E, 2]``, the lower waypoint first, and float32 ``[E]``.
+    """
+    motion, poses = Steering(world).motion, truth.poses
+    part = (poses[:, :2] / (_PART * motion.cell_size)).floor()
+    direction = (poses[:, 2:] / _DIRECTION).round() % (360 / _DIRECTION)
+    group = torch.cat([part, direction], 1).unique(dim=0, return_inverse=True)[1]
+    numbers = torch.arange(len(poses))
+    first = torch.full((int(group.max()) + 1,), len(poses))
+    first.scatter_reduce_(0, group, numbers, "amin")
+    stands, chosen = first[group], first.sort().values
+    gap = torch.cdist(poses[chosen, :2], poses[chosen, :2])
+    near = _AWAY * motion.cell_size
+    pairs = chosen[(gap <= near).triu(1).nonzero()]
+    rest = (stands != numbers).nonzero().flatten()
+    own = torch.stack([stands[rest], rest], 1)
+    edges = torch.cat([pairs, own])
+    one, other = poses[edges].unbind(1)
+    away = truth.distances.geodesic(one[:, :2], other[:, :2])
+    turned = wrap_degrees(one[:, 2] - other[:, 2]).abs()
+    kept = (away <= near) & (turned <= _TURN)
+    cost = away / motion.step + turned / motion.turn
+    return edges[kept], cost[kept].clamp(min=0.1).float()
