@@ -140,9 +140,9 @@ def test_the_navigator_beside_them_is_told_nothing(explored):
     for name in DIAGNOSES:
         wants_pose = "place" in name or "controller" in name
         assert ("position" in privileged(policies[name])) == wants_pose, name
-    told = policies["perfect_map"][0]
-    assert told.map.edges.shape == (128, 2)
-    assert told.place_key is None
+    mapped = policies["perfect_map"][0]
+    assert mapped.map.edges.shape == (128, 2)
+    assert mapped.place_key is None
 
 
 def test_with_true_place_and_steering_it_walks_its_plan_to_the_end(folder, explored):

@@ -14,11 +14,11 @@ from toponav.keys import TRUE_PLACE
 from toponav.methods.navigators.topological import TopologicalConfig, make_navigator
 from toponav.methods.navigators.truths import TruePlace, TrueSteering, true_edges
 
-#: What a navigator may be told: the edges of its map, with their costs; the waypoint
+#: What a navigator may be given: the edges of its map, with their costs; the waypoint
 #: where it is; the way to its next target.
-Told = Literal["map", "place", "controller"]
+Part = Literal["map", "place", "controller"]
 #: By the name that ``evaluate.policies`` takes.
-DIAGNOSES: dict[str, tuple[Told, ...]] = {
+DIAGNOSES: dict[str, tuple[Part, ...]] = {
     "perfect_controller": ("controller",),
     "perfect_place": ("place",),
     "perfect_map": ("map",),
@@ -30,21 +30,21 @@ DIAGNOSES: dict[str, tuple[Told, ...]] = {
 
 def make_diagnosis(
     config: TopologicalConfig,
-    told: Collection[Told],
+    given: Collection[Part],
     *,
     knowledge: AgentKnowledge,
     truth: GroundTruth,
     seed: int = 0,
 ) -> TensorDictModuleBase:
-    """A topological navigator that is ``told`` some truths, and finds out the rest."""
+    """A topological navigator that is ``given`` parts of the truth, and no more."""
     world = knowledge.world
     navigator = make_navigator(
         config,
         knowledge=knowledge,
-        edges=true_edges(truth, world=world) if "map" in told else None,
-        place_key=TRUE_PLACE if "place" in told else None,
+        edges=true_edges(truth, world=world) if "map" in given else None,
+        place_key=TRUE_PLACE if "place" in given else None,
         seed=seed,
     )
-    before = [TruePlace(truth, world=world)] if "place" in told else []
-    after = [TrueSteering(truth, world=world)] if "controller" in told else []
+    before = [TruePlace(truth, world=world)] if "place" in given else []
+    after = [TrueSteering(truth, world=world)] if "controller" in given else []
     return TensorDictSequential(*before, navigator, *after)
