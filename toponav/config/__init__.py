@@ -12,6 +12,7 @@ from toponav.config.checks import (
     Settings as Settings,
     SettingsError as SettingsError,
     TrainingError as TrainingError,
+    a_seed as a_seed,
     above as above,
     at_least as at_least,
     between as between,

@@ -14,6 +14,7 @@ from toponav.envs.gym_env import (
     MazeGymEnv as MazeGymEnv,
     register_mazes as register_mazes,
 )
+from toponav.envs.gym_pictures import GymChoices as GymChoices
 from toponav.envs.layout import (
     Layout as Layout,
     LayoutError as LayoutError,

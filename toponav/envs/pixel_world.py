@@ -1,22 +1,26 @@
 """`make_pixel_env`: any Gymnasium environment with pictures as a batched world."""
 
-from collections.abc import Sequence
-from operator import itemgetter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-import gymnasium
 import numpy as np
 import torch
-from gymnasium import spaces
-from gymnasium.wrappers import AddRenderObservation, TimeLimit, TransformObservation
+from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from toponav.envs.gym_pictures import (
+    GymChoices,
+    GymEnv,
+    make_gym_env,
+    read_position,
+)
 from toponav.envs.specs import episode_streams, masked_rows, set_world
+from toponav.keys import POSITION, PRIVILEGED
 from toponav.worlds import WorldSpec
-
-GymEnv = gymnasium.Env[Any, Any]
 
 
 def make_pixel_env(
@@ -26,24 +30,30 @@ def make_pixel_env(
     episode_length: int,
     seed: int,
     render: bool = False,
+    choices: GymChoices | None = None,
+    privileged: bool = False,
     device: torch.device | str = "cpu",
 ) -> EnvBase:
     """A batch of any Gymnasium environment that shows pictures and takes numbers.
 
-    Its keys are those of ``MazeEnv`` without the ground truth. Each episode is a
-    function of seed, row and the number of episodes that the row has begun.
+    Its keys are those of ``MazeEnv``, without the ground truth but for a position, if
+    ``choices`` say where to find one. Each episode is a function of seed, row and the
+    number of episodes that the row has begun.
 
     Args:
         id: what ``gymnasium.make`` takes. Observations must be a uint8 ``[H, W, 3]``
-            box, or a dictionary with one such entry.
+            box, or a dictionary with one such entry, after the wrappers of ``choices``.
         batch_size: number of environments E; they step one after the other.
         episode_length: decisions after which an episode is truncated at the latest.
         seed: seed of the episodes.
         render: whether ``pixels`` is what the environment renders.
+        choices: wrappers, the actions to use, and more; `GymChoices`.
+        privileged: whether the position is written; no agent may read it.
         device: where the tensors go.
 
     Raises:
-        ValueError: if it is unknown, has no pixels or no discrete actions.
+        ValueError: if it is unknown, has no pixels or no discrete actions, or if the
+            choices do not fit it.
 
     Examples:
         >>> env = make_pixel_env(
@@ -56,16 +66,27 @@ def make_pixel_env(
     if min(batch_size, episode_length) < 1:
         got = f"{batch_size} and {episode_length}"
         raise ValueError(f"batch_size and episode_length must be at least 1, got {got}")
-    envs: list[GymEnv] = []
+    choices = choices or GymChoices()
+    choices = replace(choices, render=render or choices.render)
+    envs, actions = list[GymEnv](), tuple[str, ...]()
     try:
         for _ in range(batch_size):
-            envs.append(_make_gym_env(id, render))
-            pictured = _show_pictures(id, envs[-1], render)
-            envs[-1] = TimeLimit(pictured, episode_length)
+            env, actions = make_gym_env(id, choices)
+            envs.append(TimeLimit(env, episode_length))
         height, width, _ = envs[0].observation_space.shape or ()
-        actions = _action_names(id, envs[0])
-        world = WorldSpec(view_size=(height, width), actions=actions)
-        return _PixelEnv(envs, world, seed=seed, device=device)
+        place_size = choices.place_size if choices.position else None
+        world = WorldSpec(
+            view_size=(height, width), actions=actions, place_size=place_size
+        )
+        position = choices.position if privileged else ()
+        return _PixelEnv(
+            envs,
+            world,
+            position,
+            seed=seed,
+            reset_seed=choices.reset_seed,
+            device=device,
+        )
     except BaseException:
         for env in envs:
             env.close()
@@ -79,15 +100,24 @@ class _PixelEnv(EnvBase):
         self,
         envs: Sequence[GymEnv],
         world: WorldSpec,
+        position: Sequence[str],
         *,
         seed: int,
+        reset_seed: int | None,
         device: torch.device | str,
     ) -> None:
         super().__init__(device=device, batch_size=torch.Size([len(envs)]))
         self._envs = envs
-        self._first_action = int(getattr(envs[0].action_space, "start", 0))
+        self._position = position
+        self._reset_seed = reset_seed
         self._pixels = np.zeros((len(envs), *world.view_size, 3), dtype=np.uint8)
-        set_world(self, world)
+        self._places = np.zeros((len(envs), 2), dtype=np.float32)
+        if position:
+            known = Unbounded((len(envs), 2), device=device, dtype=torch.float32)
+            truth = Composite(position=known, shape=self.batch_size, device=device)
+            set_world(self, world, {PRIVILEGED: truth})
+        else:
+            set_world(self, world)
         self._set_seed(seed)
 
     def _set_seed(self, seed: int | None) -> None:
@@ -96,8 +126,11 @@ class _PixelEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
         self._pixels = self._pixels.copy()
         for row in masked_rows(tensordict, "_reset", len(self._envs)):
-            seed = int(self._streams[row].integers(2**31))
-            self._pixels[row], _ = self._envs[row].reset(seed=seed)
+            seed = self._reset_seed
+            if seed is None:
+                seed = int(self._streams[row].integers(2**31))
+            self._pixels[row], info = self._envs[row].reset(seed=seed)
+            self._see_position(row, info)
         outcomes = np.zeros((3, len(self._envs), 1), dtype=np.float32)
         return self._tensordict(outcomes).exclude("reward")
 
@@ -106,70 +139,33 @@ class _PixelEnv(EnvBase):
         self._pixels = self._pixels.copy()
         outcomes = np.zeros((3, len(self._envs), 1), dtype=np.float32)
         for row in masked_rows(tensordict, "_step", len(self._envs)):
-            action = self._first_action + actions[row]
-            self._pixels[row], *outcome, _ = self._envs[row].step(action)
+            self._pixels[row], *outcome, info = self._envs[row].step(actions[row])
             outcomes[:, row, 0] = outcome
+            self._see_position(row, info)
         return self._tensordict(outcomes)
+
+    def _see_position(self, row: int, info: Mapping[str, Any]) -> None:
+        if self._position:
+            self._places = self._places.copy()
+            found = read_position(self._envs[row], info, self._position)
+            self._places[row] = found
 
     def _tensordict(self, outcomes: NDArray[np.float32]) -> TensorDict:
         """The pixels with rewards and whether episodes terminate and truncate."""
         reward, terminated, truncated = torch.from_numpy(outcomes)
-        return TensorDict(
+        data = TensorDict(
             pixels=torch.from_numpy(self._pixels),
             reward=reward,
             terminated=terminated.bool(),
             truncated=truncated.bool(),
             done=(terminated + truncated).bool(),
             batch_size=self.batch_size,
-        ).to(self.device)
+        )
+        if self._position:
+            data[POSITION] = torch.from_numpy(self._places)
+        return data.to(self.device)
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         for env in self._envs:
             env.close()
         super().close(raise_if_closed=raise_if_closed)
-
-
-def _make_gym_env(id: str, render: bool) -> GymEnv:
-    # Some environments take no render_mode.
-    options: dict[str, Any] = {"render_mode": "rgb_array"} if render else {}
-    try:
-        return gymnasium.make(id, **options)
-    except (gymnasium.error.Error, ImportError) as error:
-        got = f"'{id}': {str(error).strip().splitlines()[0]}"
-        raise ValueError(f"id must name a Gymnasium environment, got {got}") from error
-
-
-def _show_pictures(id: str, env: GymEnv, render: bool) -> GymEnv:
-    """An environment whose observations are pictures, uint8 ``[H, W, 3]``."""
-    if render:
-        try:
-            env = AddRenderObservation(env)
-        except (TypeError, ValueError) as error:
-            message = f"'{id}' must render a picture [H, W, 3], got {error}"
-            raise ValueError(message) from error
-    space = env.observation_space
-    if _is_picture(space):
-        return env
-    entries = space.spaces if isinstance(space, spaces.Dict) else {}
-    keys = [key for key, entry in entries.items() if _is_picture(entry)]
-    if len(keys) != 1:
-        raise ValueError(
-            f"the observation of '{id}' must be or hold one uint8 picture [H, W, 3] "
-            f"(render=True takes what it renders), got {space}"
-        )
-    return TransformObservation(env, itemgetter(keys[0]), entries[keys[0]])
-
-
-def _is_picture(space: spaces.Space[Any]) -> bool:
-    shape = space.shape or ()
-    return space.dtype == np.uint8 and len(shape) == 3 and shape[-1] == 3
-
-
-def _action_names(id: str, env: GymEnv) -> tuple[str, ...]:
-    space = env.action_space
-    if not isinstance(space, spaces.Discrete):
-        raise ValueError(f"the actions of '{id}' must be discrete, got {space}")
-    meanings = getattr(env.unwrapped, "get_action_meanings", None)
-    if meanings is not None:
-        return tuple(meanings())
-    return tuple(f"action {number}" for number in range(int(space.n)))

@@ -1,13 +1,21 @@
 """Any Gymnasium environment with pixels and discrete actions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 from omegaconf import MISSING
 from torchrl.envs import EnvBase
 
 from toponav.builders import World
-from toponav.config import ExploreConfig, PretrainConfig, WorldConfig, refusing
-from toponav.envs import make_pixel_env
+from toponav.config import (
+    ExploreConfig,
+    PretrainConfig,
+    WorldConfig,
+    a_seed,
+    above,
+    refusing,
+)
+from toponav.envs import GymChoices, make_pixel_env
 
 
 @dataclass
@@ -16,10 +24,20 @@ class GymWorldConfig(WorldConfig):
 
     id: str = MISSING
     render: bool = MISSING
+    options: dict[str, Any] = field(default_factory=dict)
+    wrappers: list[str] = field(default_factory=list)
+    view: str | None = MISSING
+    actions: list[int] = field(default_factory=list)
+    reset_seed: int | None = a_seed()
+    position: list[str] = field(default_factory=list)
+    place_size: float = above(0)
 
 
 class GymWorld(World):
-    """A Gymnasium environment with pixels and discrete actions; no ground truth."""
+    """A Gymnasium environment with pixels and discrete actions.
+
+    There is no ground truth but the position that ``position`` names, if it does.
+    """
 
     schema = GymWorldConfig
 
@@ -41,12 +59,15 @@ class GymWorld(World):
         privileged: bool = False,
         episode_length: int | None = None,
     ) -> EnvBase:
-        """A batch of environments; ``privileged`` adds nothing here."""
+        """A batch of environments; ``privileged`` adds the position, if any."""
+        names = [choice.name for choice in fields(GymChoices)]
+        choices = GymChoices(**{name: getattr(self.config, name) for name in names})
         with refusing("world.id: "):
             return make_pixel_env(
                 self.config.id,
                 batch_size=batch_size,
                 episode_length=episode_length or self.episode_length,
                 seed=seed,
-                render=self.config.render,
+                choices=choices,
+                privileged=privileged,
             )
