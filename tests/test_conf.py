@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 from toponav.builders.pretraining import pretraining_folder
 from toponav.config import RECIPES, SettingsError
 from toponav.launch import folder_name
-from toponav.methods import make_world, register
+from toponav.methods import REWARDS, make_world, register
 
 CONF = Path(__file__).parent.parent / "conf"
 FILES = sorted(CONF.rglob("*.yaml"))
@@ -142,7 +142,7 @@ def test_each_recipe_composes_at_each_scale(
 
 @pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
 @pytest.mark.parametrize("loss", ["ppo", "a3c", "trpo"])
-@pytest.mark.parametrize("reward", ["novelty", "coverage", "random", "rnd", "icm"])
+@pytest.mark.parametrize("reward", list(REWARDS))
 def test_each_method_composes_at_each_scale(scale: str, loss: str, reward: str) -> None:
     found = settings("explore", f"scale={scale}", f"loss={loss}", f"reward={reward}")
     assert (found.reward.name, found.loss.name) == (reward, loss)

@@ -33,6 +33,7 @@ BASES = [
     ("explore", ("scale=paper",)),
     ("explore", ("reward=rnd",)),
     ("explore", ("reward=icm",)),
+    ("explore", ("reward=vime",)),
     ("explore", ("loss=trpo",)),
     ("pretrain", ()),
     ("pretrain", ("scale=paper",)),

@@ -103,10 +103,10 @@ COUNT_REWARD: NestedKey = "count_reward"
 #: float32 [1]; beta / similarity of a new one, else 0, eq. 7. Its transform -> the sum.
 TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
 #: float32 [1]; what the reward method pays. IntrinsicReward (the sum of both, eq. 8),
-#: RandomReward, RNDTransform, CuriosityReward -> learners.
+#: RandomReward, RNDTransform, CuriosityReward, InformationGainReward -> learners.
 INTRINSIC_REWARD: NestedKey = "intrinsic_reward"
 #: uint8 [H', W', K]; the last K views, small and grey, the newest last. GreyStack ->
-#: CuriosityReward, ICM.
+#: CuriosityReward, InformationGainReward, ICM, VIME.
 FRAME_STACK: NestedKey = "frame_stack"
 #: float32 [1]; the reward over the deviation of its return. ReturnScale -> losses.
 SCALED_REWARD: NestedKey = "scaled_reward"

@@ -28,6 +28,7 @@ RUNS = [
     ("reward.threshold=0.5", "policy.input=pixels", "online.learn=true"),
     ("reward=rnd",),
     ("reward=icm",),
+    ("reward=vime",),
     ("reward=random",),
 ]
 

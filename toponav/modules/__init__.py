@@ -4,6 +4,7 @@ from toponav.modules.actor_critic import (
     ActorCritic as ActorCritic,
     EpisodicLSTM as EpisodicLSTM,
 )
+from toponav.modules.bayesian_network import BayesianNetwork as BayesianNetwork
 from toponav.modules.encoders import (
     ResNet18 as ResNet18,
     SmallEncoder as SmallEncoder,

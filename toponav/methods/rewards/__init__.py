@@ -13,6 +13,12 @@ from toponav.methods.rewards.rnd import (
     RandomNetworkDistillation as RandomNetworkDistillation,
     RNDMethod,
 )
+from toponav.methods.rewards.vime import (
+    BayesianDynamics as BayesianDynamics,
+    DynamicsTrainer as DynamicsTrainer,
+    InformationGainReward as InformationGainReward,
+    VIMEMethod,
+)
 
 #: By the name of their settings, ``conf/reward/<name>.yaml``.
 REWARDS = {
@@ -21,6 +27,7 @@ REWARDS = {
     "random": RandomMethod,
     "rnd": RNDMethod,
     "icm": ICMMethod,
+    "vime": VIMEMethod,
 }
 
 
