@@ -34,6 +34,7 @@ BASES = [
     ("explore", ("reward=rnd",)),
     ("explore", ("reward=icm",)),
     ("explore", ("reward=vime",)),
+    ("explore", ("reward=ex2",)),
     ("explore", ("loss=trpo",)),
     ("pretrain", ()),
     ("pretrain", ("scale=paper",)),

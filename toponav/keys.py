@@ -103,11 +103,14 @@ COUNT_REWARD: NestedKey = "count_reward"
 #: float32 [1]; beta / similarity of a new one, else 0, eq. 7. Its transform -> the sum.
 TEMPORAL_DISTANCE_REWARD: NestedKey = "temporal_distance_reward"
 #: float32 [1]; what the reward method pays. IntrinsicReward (the sum of both, eq. 8),
-#: RandomReward, RNDTransform, CuriosityReward, InformationGainReward -> learners.
+#: RandomReward, RNDTransform, CuriosityReward, InformationGainReward,
+#: ExemplarReward -> learners.
 INTRINSIC_REWARD: NestedKey = "intrinsic_reward"
 #: uint8 [H', W', K]; the last K views, small and grey, the newest last. GreyStack ->
 #: CuriosityReward, InformationGainReward, ICM, VIME.
 FRAME_STACK: NestedKey = "frame_stack"
+#: uint8 [H', W', 3]; the view as EX2 reads it. PolicyPixels -> ExemplarReward, EX2.
+SMALL_PIXELS: NestedKey = "small_pixels"
 #: float32 [1]; the reward over the deviation of its return. ReturnScale -> losses.
 SCALED_REWARD: NestedKey = "scaled_reward"
 

@@ -29,6 +29,7 @@ RUNS = [
     ("reward=rnd",),
     ("reward=icm",),
     ("reward=vime",),
+    ("reward=ex2",),
     ("reward=random",),
 ]
 

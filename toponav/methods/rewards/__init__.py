@@ -3,6 +3,12 @@
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig
 from toponav.methods.rewards.coverage import CoverageMethod
+from toponav.methods.rewards.ex2 import (
+    AmortisedExemplars as AmortisedExemplars,
+    EX2Method,
+    ExemplarReward as ExemplarReward,
+    ExemplarTrainer as ExemplarTrainer,
+)
 from toponav.methods.rewards.icm import (
     ICMMethod,
     IntrinsicCuriosity as IntrinsicCuriosity,
@@ -28,6 +34,7 @@ REWARDS = {
     "rnd": RNDMethod,
     "icm": ICMMethod,
     "vime": VIMEMethod,
+    "ex2": EX2Method,
 }
 
 
