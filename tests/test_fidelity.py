@@ -42,6 +42,7 @@ BASES = [
     ("navigate", ("maze=maze1", "navigate=paper")),
     ("tour", ()),
     ("report", ()),
+    ("reproduce", ()),
 ]
 
 

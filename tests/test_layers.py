@@ -32,6 +32,7 @@ FLOORS: list[set[str]] = [
     {"training"},
     {"reports"},
     {"refusals"},
+    {"experiments"},
     {"launch"},
 ]
 FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}

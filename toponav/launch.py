@@ -75,12 +75,12 @@ def recipe(
         conf = Path(inspect.getfile(function)).resolve().parent.parent / "conf"
 
         def run(cfg: DictConfig) -> None:
+            # Once more: a launcher may have started another process for it.
+            _register()
             _run_job(name, function, cfg)
 
         def main() -> None:
-            register()
-            OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
-            OmegaConf.register_new_resolver("log_uniform", log_uniform, replace=True)
+            _register()
             # TorchRL logs every buffer that it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             # Hydra then raises instead of printing, and the sentence is ours.
@@ -109,6 +109,13 @@ def recipe(
         return main
 
     return decorate
+
+
+def _register() -> None:
+    """Tell Hydra the schemas, and OmegaConf what YAML and command lines call."""
+    register()
+    for resolver in (folder_name, log_uniform):
+        OmegaConf.register_new_resolver(resolver.__name__, resolver, replace=True)
 
 
 def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:

@@ -50,6 +50,14 @@ from toponav.config.pretrain import (
     PretrainConfig as PretrainConfig,
     TrainConfig as TrainConfig,
 )
+from toponav.config.reproduce import (
+    ExperimentConfig as ExperimentConfig,
+    PaperConfig as PaperConfig,
+    ReproduceConfig as ReproduceConfig,
+    RowConfig as RowConfig,
+    maze_words as maze_words,
+    paper_figures as paper_figures,
+)
 
 #: Recipe name -> schema of its settings.
 RECIPES: dict[str, type] = {
@@ -57,6 +65,7 @@ RECIPES: dict[str, type] = {
     "navigate": NavigateConfig,
     "pretrain": PretrainConfig,
     "report": SweepReportConfig,
+    "reproduce": ReproduceConfig,
     "tour": TourConfig,
 }
 
@@ -68,5 +77,6 @@ def register() -> None:
     store = ConfigStore.instance()
     store.store(group="maze", name="schema", node=MazeConfig)
     store.store(group="model", name="schema", node=ModelConfig)
+    store.store(group="experiment", name="schema", node=ExperimentConfig)
     for name, schema in RECIPES.items():
         store.store(name=f"{name}_schema", node=schema)

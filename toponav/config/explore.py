@@ -160,6 +160,7 @@ class ExploreConfig(Settings):
     report: ReportConfig = MISSING
     evaluate: EvaluateConfig = MISSING
     pretrained: str | None = MISSING
+    init_policy: str | None = MISSING
     seed: int = a_seed()
     device: str = MISSING
     threads: int | None = at_least(1)

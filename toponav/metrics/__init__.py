@@ -37,6 +37,7 @@ from toponav.metrics.navigation_metrics import (
     trace_navigation as trace_navigation,
 )
 from toponav.metrics.statistics import (
+    Estimate as Estimate,
     Floats as Floats,
     Scores as Scores,
     aligned_table as aligned_table,
@@ -48,6 +49,7 @@ from toponav.metrics.statistics import (
     markdown_table as markdown_table,
     running_mean as running_mean,
     summarize_scores as summarize_scores,
+    top_mean as top_mean,
 )
 from toponav.metrics.tc_report import (
     DISTANCE_CELLS as DISTANCE_CELLS,

@@ -4,6 +4,24 @@ from toponav.reports.baselines import (
     Baselines as Baselines,
     start_baselines as start_baselines,
 )
+from toponav.reports.experiment_figures import (
+    experiment_accuracies as experiment_accuracies,
+    experiment_curves as experiment_curves,
+)
+from toponav.reports.experiment_report import (
+    Group as Group,
+    explore_table as explore_table,
+    pretrain_table as pretrain_table,
+    require_columns as require_columns,
+)
+from toponav.reports.experiment_text import (
+    experiment_csv as experiment_csv,
+    experiment_markdown as experiment_markdown,
+)
+from toponav.reports.experts import (
+    SCRIPTED as SCRIPTED,
+    scripted_rows as scripted_rows,
+)
 from toponav.reports.exploration_evaluation import (
     evaluate_policies as evaluate_policies,
     summarize_evaluation as summarize_evaluation,

@@ -163,7 +163,7 @@ def play_baselines(settings: ExploreConfig, world: World) -> list[Row]:
             if (rows := find_baselines(settings, world)) is None:
                 rows, is_whole = _play(settings, world)
                 if is_whole:
-                    content = {"of": _content(settings, world), "rows": rows}
+                    content = {"of": baselines_content(settings, world), "rows": rows}
                     write_text(file, json.dumps(content, indent=1))
     return rows or _play(settings, world)[0]
 
@@ -200,7 +200,7 @@ def find_baselines(settings: ExploreConfig, world: World) -> list[Row] | None:
         rows: list[Row] = found["rows"]
         played = [(row["policy"], row["seed"]) for row in rows]
         covered = [0 <= row["coverage"] <= 1 for row in rows]
-        is_same = found["of"] == _content(settings, world)
+        is_same = found["of"] == baselines_content(settings, world)
     except (OSError, ValueError, KeyError, TypeError):
         return None
     episodes = range(settings.evaluate.random_episodes)
@@ -210,12 +210,12 @@ def find_baselines(settings: ExploreConfig, world: World) -> list[Row] | None:
 
 def baselines_file(settings: ExploreConfig, world: World) -> Path:
     """Where the blind baselines of a maze are kept; its name has their key."""
-    name = f"{world.name}-{settings_key(_content(settings, world))}.json"
+    name = f"{world.name}-{settings_key(baselines_content(settings, world))}.json"
     return Path(settings.evaluate.random_folder) / name
 
 
-def _content(settings: ExploreConfig, world: World) -> dict[str, object]:
-    """All that the episodes depend on."""
+def baselines_content(settings: ExploreConfig, world: World) -> dict[str, object]:
+    """All that the episodes of scripted policies depend on."""
     assert world.layout is not None
     maze = asdict(settings.maze)
     return {

@@ -2,6 +2,7 @@
 
 from toponav.training.checkpoints import (
     ExplorationState as ExplorationState,
+    load_policy as load_policy,
     restore_exploration as restore_exploration,
     restore_training as restore_training,
     save_exploration as save_exploration,

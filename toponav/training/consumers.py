@@ -22,7 +22,7 @@ from toponav.builders import (
 )
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS
-from toponav.training.checkpoints import ExplorationState
+from toponav.training.checkpoints import ExplorationState, load_policy
 from toponav.training.continued_training import ContinuedTraining, LocomotionFinetuner
 from toponav.training.episode_log import EpisodeLog, mean_of
 from toponav.training.map_growth import MapGrowth
@@ -88,14 +88,23 @@ def make_learner(
     state: ExplorationState,
     folder: Path,
 ) -> Learner:
-    """The learner that the settings name; ``state`` gives it the run's progress."""
-    return LEARNERS[settings.loss.name](
+    """The learner that the settings name; ``state`` gives it the run's progress.
+
+    It begins with the policy of ``init_policy``, if that names one.
+
+    Raises:
+        SettingsError: if that policy does not fit.
+    """
+    learner = LEARNERS[settings.loss.name](
         settings,
         world,
         reward=reward.reward_key,
         check=partial(require_finite, folder=folder, setting="loss.lr"),
         progress=lambda: state.progress,
     )
+    if settings.init_policy is not None and not settings.resume:
+        load_policy(settings.init_policy, learner.policy)
+    return learner
 
 
 def make_consumers(

@@ -9,6 +9,7 @@ from toponav.methods.rewards.ex2 import (
     ExemplarReward as ExemplarReward,
     ExemplarTrainer as ExemplarTrainer,
 )
+from toponav.methods.rewards.extrinsic import ExtrinsicMethod
 from toponav.methods.rewards.icm import (
     ICMMethod,
     IntrinsicCuriosity as IntrinsicCuriosity,
@@ -35,6 +36,7 @@ REWARDS = {
     "icm": ICMMethod,
     "vime": VIMEMethod,
     "ex2": EX2Method,
+    "extrinsic": ExtrinsicMethod,
 }
 
 

@@ -1,0 +1,85 @@
+"""Make a table of the paper and its figure by one command.
+
+    python recipes/reproduce.py experiment=table3
+    python recipes/reproduce.py experiment=table7 seeds=3
+    python recipes/reproduce.py experiment=fig14 make=false
+    python recipes/reproduce.py -m experiment=table3,table7
+
+``conf/experiment`` says which methods, mazes and columns a table has. Runs with the
+settings that it needs are looked for in ``runs``, whoever made them; those that are
+missing are made by the other recipes, and those that were cut off go on. Started again
+after a kill, it goes on too; started twice, both share the work. ``folder`` gets
+``<experiment>.csv``, ``.md`` and ``.png``: means and interquartile means with 95 %
+bootstrap intervals, and the paper's own figures beside them. A run that fails ends
+nothing: it is named at the end and missing in the table.
+"""
+
+from toponav.interrupts import catch_early
+
+catch_early(__name__)
+
+import sys
+import tempfile
+from pathlib import Path
+
+from toponav import experiments, reports
+from toponav.builders import prepare_process
+from toponav.config import ReproduceConfig, TrainingError
+from toponav.launch import recipe
+from toponav.plotting import save_figure
+from toponav.runs import write_text
+
+RECIPES = Path(__file__).parent
+
+
+@recipe("reproduce", aliases={"scale": "reproduce"})
+def main(settings: ReproduceConfig, _: Path) -> None:
+    """Find the runs, make those that are missing, write the table and the figure."""
+    prepare_process(threads=1)
+    experiment, folder = settings.experiment, Path(settings.folder)
+    reports.require_columns(experiment)
+
+    # Which runs it takes, and how long those that are missing will.
+    cells = experiments.plan_cells(settings)
+    print(experiments.announce(settings, cells), file=sys.stderr, flush=True)
+    for needed in (folder, Path(settings.runs)):
+        needed.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=needed).close()
+    path = folder / experiment.name
+
+    # Policies that do not learn come first: later runs find their episodes.
+    scripted = experiments.scripted_of(settings, cells, play=settings.make)
+
+    # The runs, each in a process of its own recipe.
+    expected, _count = experiments.expected_seconds(settings, cells)
+    maker = experiments.RunMaker(
+        RECIPES, jobs=settings.jobs, poll_s=settings.poll_s, expected=expected
+    )
+    if settings.make:
+        maker.make(experiments.missing_cells(cells))
+
+    # The table and the figure of what there is.
+    groups = experiments.make_groups(settings, cells)
+    if experiment.recipe == "explore":
+        table = reports.explore_table(groups, scripted, draws=settings.draws)
+        figure = reports.experiment_curves(groups, scripted, title=experiment.title)
+    else:
+        table = reports.pretrain_table(groups, draws=settings.draws)
+        figure = reports.experiment_accuracies(groups, title=experiment.title)
+    missing = experiments.missing_sentences(cells, maker.failures)
+    markdown = reports.experiment_markdown(table, experiment.columns)
+    below = "".join(f"- {sentence}\n" for sentence in (*experiment.remarks, *missing))
+    heading = f"# {experiment.title}\n\n"
+    write_text(path.with_suffix(".md"), f"{heading}{markdown}\n{below}".rstrip() + "\n")
+    write_text(path.with_suffix(".csv"), reports.experiment_csv(table))
+    save_figure(figure, path.with_suffix(".png"))
+    print(f"{markdown}\nwritten to {path}.md, .csv and .png")
+    for sentence in missing:
+        print(sentence, file=sys.stderr)
+    if maker.failures:
+        rule = "all runs of an experiment must end well"
+        raise TrainingError(f"{rule}, got {len(maker.failures)} that failed")
+
+
+if __name__ == "__main__":
+    main()

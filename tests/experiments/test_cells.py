@@ -1,0 +1,124 @@
+"""An experiment becomes runs: which there are, and which settings they have."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.experiments.planning import CONF, reproducing
+from tests.experiments.test_found_runs import save
+from toponav.config import RowConfig, SettingsError
+from toponav.experiments import announce, missing_cells, plan_cells
+from toponav.experiments.found_runs import plain
+from toponav.experiments.making import run_words
+from toponav.reports import SCRIPTED, require_columns
+
+EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+#: Rows that were composed already: several tables share them.
+SEEN: set[tuple[str, ...]] = set()
+
+
+def kind(row: RowConfig) -> tuple[str, ...]:
+    """What the row chooses and sets; the values of settings do not count."""
+    words = [*row.first, *row.overrides, *row.laptop_overrides]
+    return tuple(re.sub(r"(\w\.\w+)=.*", r"\1", word) for word in words)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_row_of_every_experiment_is_a_run(name: str, tmp_path: Path) -> None:
+    with reproducing(
+        f"experiment={name}", "reproduce=smoke", f"runs={tmp_path}"
+    ) as all_:
+        experiment = all_.experiment
+        require_columns(experiment)
+        assert set(experiment.scripted) <= set(SCRIPTED)
+        mazes = {
+            one for row in experiment.rows for one in (row.mazes or experiment.mazes)
+        }
+        names = {one.partition(":")[0] for one in mazes}
+        labels = {row.label for row in experiment.rows}
+        assert {one.row for one in experiment.paper} <= labels
+        assert {one.maze for one in experiment.paper} <= names
+        new = {kind(row): replace(row, against=None) for row in experiment.rows}
+        rows = [row for key, row in new.items() if key not in SEEN]
+        SEEN.update(new)
+        cells = plan_cells(
+            replace(all_, experiment=replace(experiment, rows=rows), rows=[])
+        )
+        assert len(cells) == len(rows)
+
+
+def test_seeds_and_mazes_are_cells_of_their_own(tmp_path: Path) -> None:
+    words = ["reproduce=smoke", f"runs={tmp_path}", "seeds=2", "most_mazes=2"]
+    with reproducing(*words, "rows=[random reward]") as settings:
+        cells = plan_cells(settings)
+        assert [(cell.maze, cell.seed) for cell in cells] == [
+            ("maze1", 0),
+            ("maze1", 1),
+            ("maze2", 0),
+            ("maze2", 1),
+        ]
+        assert len({cell.key for cell in cells}) == 4
+        assert cells[0].folder == tmp_path / "explore" / f"maze1-smoke-{cells[0].key}"
+        assert cells[1].config.seed == 1
+        assert "seed=1" in run_words(cells[1])
+        # A run that is there already is found, whatever its number of threads. Four of
+        # 15 s each by the figures in conf, and no pre-training.
+        save(tmp_path / "by-hand", plain(cells[1].config) | {"threads": 7})
+        again = plan_cells(settings)
+        assert again[1].folder == tmp_path / "by-hand"
+        assert announce(settings, again) == (
+            "table3: 4 of 4 runs are missing; about 1.0 minutes, one at a time (an "
+            "estimate from figures in conf/reproduce)"
+        )
+
+
+def test_a_run_can_start_from_another(tmp_path: Path) -> None:
+    words = ["reproduce=smoke", f"runs={tmp_path}", "rows=[random reward]", "seeds=2"]
+    with reproducing(*words) as settings:
+        row = RowConfig(
+            label="random reward",
+            overrides=["reward=random", "pretrained={first}"],
+            first=["maze=select", "reward=novelty"],
+        )
+        experiment = replace(settings.experiment, rows=[row])
+        cells = plan_cells(replace(settings, experiment=experiment))
+        firsts = [cell.first for cell in cells]
+        assert [one.seed for one in firsts] == [0, 1]
+        assert [one.config.maze.name for one in firsts] == ["select", "select"]
+        assert cells[1].config.pretrained == str(firsts[1].folder)
+        assert f"pretrained='{firsts[1].folder}'" in run_words(cells[1])
+        wanted = [firsts[0], cells[0], firsts[1], cells[1]]
+        assert missing_cells(cells) == wanted
+        # The same run once the first one is there, wherever that is.
+        save(tmp_path / "elsewhere", plain(firsts[1].config))
+        again = plan_cells(replace(settings, experiment=experiment))
+        assert again[1].first.folder == tmp_path / "elsewhere"
+        assert again[1].key == cells[1].key
+
+
+def test_what_a_recipe_refuses_is_one_sentence(tmp_path: Path) -> None:
+    with reproducing(
+        "reproduce=smoke", "explore_overrides=['collect.envs=0']"
+    ) as settings:
+        with pytest.raises(SettingsError) as error:
+            plan_cells(replace(settings, runs=str(tmp_path)))
+        assert str(error.value) == (
+            "row 'novelty' must have settings of explore: collect.envs must be at "
+            "least 1, got 0"
+        )
+
+
+def test_draws_at_the_scale_of_the_paper_differ_by_seed(tmp_path: Path) -> None:
+    words = [
+        "reproduce=paper",
+        f"runs={tmp_path}",
+        "rows=[RND]",
+        "seeds=2",
+        "most_mazes=1",
+    ]
+    with reproducing(*words) as settings:
+        one, two = (plain(cell.config)["loss"]["lr"] for cell in plan_cells(settings))
+        assert 1e-4 <= one <= 5e-3
+        assert one != two

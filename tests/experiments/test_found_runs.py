@@ -1,0 +1,91 @@
+"""Runs are found again by their settings, wherever they are and whoever made them."""
+
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from tests.sweeps import make_exploration, make_pretraining, write_table
+from toponav.experiments.found_runs import (
+    find_keys,
+    is_finished,
+    named_run,
+    run_key,
+    seconds_of,
+)
+
+SETTINGS = {"seed": 1, "threads": 1, "loss": {"lr": 0.1}, "pretrained": None}
+
+
+def save(folder: Path, settings: dict[str, object], recipe: str = "explore") -> Path:
+    (folder / "config").mkdir(parents=True, exist_ok=True)
+    OmegaConf.save(OmegaConf.create(settings), folder / "config/config.yaml")
+    hydra = {"hydra": {"job": {"config_name": recipe}}}
+    OmegaConf.save(OmegaConf.create(hydra), folder / "config/hydra.yaml")
+    return folder
+
+
+def test_only_what_changes_a_result_changes_the_key() -> None:
+    key = run_key("explore", SETTINGS)
+    same = {"threads": 8, "device": "cuda", "resume": "a", "new": None}
+    assert run_key("explore", SETTINGS | same) == key
+    for other in ({"seed": 2}, {"loss": {"lr": 0.2}}, {"pretrained": "package:maze1"}):
+        assert run_key("explore", SETTINGS | other) != key
+    assert run_key("pretrain", SETTINGS) != key
+
+
+def test_a_run_is_found_at_any_depth(tmp_path: Path) -> None:
+    folder = save(tmp_path / "by/hand/run-1", {**SETTINGS, "maze": {"name": "maze1"}})
+    save(tmp_path / "others", SETTINGS, recipe="navigate")
+    (save(tmp_path / "broken", SETTINGS) / "config/config.yaml").write_text("a: [")
+    key = run_key("explore", {**SETTINGS, "maze": {"name": "maze1"}})
+    assert find_keys(tmp_path) == {key: folder}
+    assert find_keys(tmp_path / "nowhere") == {}
+
+
+def test_another_run_counts_by_its_settings_and_not_by_its_folder(
+    tmp_path: Path,
+) -> None:
+    key = run_key("pretrain", SETTINGS)
+    keys = set()
+    for name in ("here", "there"):
+        folder = save(tmp_path / name, SETTINGS, recipe="pretrain")
+        keys.add(run_key("explore", {"pretrained": str(folder)}))
+        (folder / "networks.pt").touch()
+        keys.add(run_key("explore", {"pretrained": str(folder / "networks.pt")}))
+    # Nor need it be there yet.
+    keys.add(run_key("explore", {"pretrained": named_run(key)}))
+    assert len(keys) == 1
+
+
+def test_a_finished_run_comes_before_one_that_was_cut_off(tmp_path: Path) -> None:
+    save(tmp_path / "a", {"seed": 0})
+    done = save(tmp_path / "b", {"seed": 0})
+    for name in ("report.json", "metrics.csv"):
+        made = make_pretraining(tmp_path / name, mazes={"maze1": 0.9})
+        (done / name).write_text((made / name).read_text())
+    assert not is_finished(done)
+    (done / "networks.pt").touch()
+    assert is_finished(done)
+    assert find_keys(tmp_path)[run_key("explore", {"seed": 0})] == done
+
+
+@pytest.mark.parametrize(("minutes", "finished"), [(None, False), (5.0, True)])
+def test_one_that_goes_on_is_not_finished(
+    tmp_path: Path, minutes: float | None, finished: bool
+) -> None:
+    folder = make_exploration(tmp_path, best=[0.9])
+    collect = {"decisions": 800, "minutes": minutes}
+    save(folder, {"collect": collect})
+    write_table(folder / "metrics.csv", [{"decisions": 400, "seconds": 9.0}])
+    assert is_finished(folder) == finished
+    save(folder, {"collect": collect | {"decisions": 400}})
+    assert is_finished(folder)
+
+
+def test_seconds_leave_out_the_pre_training(tmp_path: Path) -> None:
+    rows = [("pre-train", 100.0), ("explore", 30.0), ("evaluate", 2.5)]
+    table = [{"phase": phase, "seconds": took} for phase, took in rows]
+    write_table(tmp_path / "phases.csv", table)
+    assert seconds_of(tmp_path) == pytest.approx(32.5)
+    assert str(seconds_of(tmp_path / "nowhere")) == "nan"

@@ -1,0 +1,138 @@
+"""Runs are made once, go on after a kill, and a failing one ends nothing."""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+from omegaconf import OmegaConf
+
+from toponav.experiments import Cell, RunMaker
+from toponav.experiments.making import last_sentence
+
+FAKE = Path(__file__).with_name("fake_recipe.py")
+CONFIG = OmegaConf.create({"collect": {"decisions": 100, "minutes": None}})
+
+
+def recipes(tmp_path: Path) -> Path:
+    folder = tmp_path / "recipes"
+    folder.mkdir(exist_ok=True)
+    shutil.copy(FAKE, folder / "explore.py")
+    return folder
+
+
+def make_cell(tmp_path: Path, key: str, *words: str, first: Cell | None = None) -> Cell:
+    folder = tmp_path / "runs" / key
+    return Cell(key, "maze1", 0, "explore", words, CONFIG, key, folder, first)
+
+
+def make(tmp_path: Path, *cells: Cell, jobs: int = 1) -> RunMaker:
+    maker = RunMaker(recipes(tmp_path), jobs=jobs, poll_s=0.02, expected={})
+    maker.make(cells)
+    return maker
+
+
+def starts(cell: Cell) -> list[str]:
+    return (cell.folder / "starts").read_text().split()
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_each_run_is_made_once_and_the_first_one_first(tmp_path: Path) -> None:
+    one = make_cell(tmp_path, "one")
+    # The same settings in another row are the same run.
+    two = make_cell(tmp_path, "two", first=one)
+    maker = make(tmp_path, two, one, one, jobs=2)
+    assert maker.failures == {}
+    assert starts(one) == starts(two) == ["start"]
+    made = [(cell.folder / "evaluation.csv").stat().st_mtime_ns for cell in (one, two)]
+    assert made[0] < made[1]
+    # What is finished is not made again.
+    make(tmp_path, one, two)
+    assert starts(one) == starts(two) == ["start"]
+
+
+def test_a_failing_run_ends_nothing_but_what_needs_it(tmp_path: Path) -> None:
+    bad = make_cell(tmp_path, "bad", "bad=1")
+    after = make_cell(tmp_path, "after", first=bad)
+    good = make_cell(tmp_path, "good")
+    maker = make(tmp_path, bad, after, good)
+    sentence = "explore: the engine must start, got nothing"
+    assert maker.failures == {
+        "bad": sentence,
+        "after": f"the run that it starts from failed: {sentence}",
+    }
+    assert starts(good) == ["start"]
+    assert not after.folder.exists()
+
+
+def killed_maker(tmp_path: Path, cell: Cell) -> psutil.Process:
+    """Kill a maker while its run is half done; the run's own process."""
+    context = multiprocessing.get_context("fork")
+    maker = context.Process(target=make, args=(tmp_path, cell))
+    maker.start()
+    wait_for((cell.folder / "checkpoint.pt").exists)
+    (run,) = psutil.Process(maker.pid).children()
+    os.kill(maker.pid, signal.SIGKILL)
+    maker.join()
+    return run
+
+
+def test_after_a_kill_of_both_the_run_goes_on(tmp_path: Path) -> None:
+    cell = make_cell(tmp_path, "one", f"wait={tmp_path / 'go'}")
+    run = killed_maker(tmp_path, cell)
+    run.kill()
+    wait_for(lambda: not run.is_running() or run.status() == psutil.STATUS_ZOMBIE)
+    (tmp_path / "go").touch()
+    assert make(tmp_path, cell).failures == {}
+    assert starts(cell) == ["start", "resume"]
+
+
+def test_a_run_that_outlived_its_maker_is_waited_for(tmp_path: Path) -> None:
+    cell = make_cell(tmp_path, "one", f"wait={tmp_path / 'go'}")
+    killed_maker(tmp_path, cell)
+    context = multiprocessing.get_context("fork")
+    second = context.Process(target=make, args=(tmp_path, cell))
+    second.start()
+    time.sleep(0.2)
+    assert second.is_alive()
+    (tmp_path / "go").touch()
+    second.join(60)
+    assert second.exitcode == 0
+    assert starts(cell) == ["start"]
+
+
+def test_runs_are_asked_to_stop_with_their_maker(tmp_path: Path) -> None:
+    cell = make_cell(tmp_path, "one", f"wait={tmp_path / 'go'}")
+    maker = RunMaker(recipes(tmp_path), jobs=1, poll_s=0.02, expected={})
+    found: list[subprocess.Popen[bytes]] = []
+
+    def stop(_: object) -> str:
+        if (cell.folder / "checkpoint.pt").exists():
+            found.append(maker._running[0].process)
+            raise KeyboardInterrupt
+        return ""
+
+    maker._progress = stop  # type: ignore[method-assign, assignment]
+    with pytest.raises(KeyboardInterrupt):
+        maker.make([cell])
+    # It was asked, and had the time to save its state.
+    assert found[0].returncode == -signal.SIGTERM
+
+
+def test_the_last_sentence_is_no_progress_bar(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    assert last_sentence(log) == ""
+    log.write_text("one\n 0%| 1/2\rexplore: it must be so, got no\r99%| 2/2\n\n")
+    assert last_sentence(log) == "explore: it must be so, got no"

@@ -1,0 +1,121 @@
+"""The schema of ``recipes/reproduce.py``: experiments as data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from omegaconf import MISSING
+
+from toponav.config.checks import Settings, above, at_least, one_of, require
+
+
+@dataclass
+class RowConfig(Settings):
+    """A method of a table: what it is called, and which settings make it."""
+
+    label: str = MISSING
+    overrides: list[str] = field(default_factory=list)
+    #: More of them at one scale alone.
+    laptop_overrides: list[str] = field(default_factory=list)
+    paper_overrides: list[str] = field(default_factory=list)
+    #: Settings of a run of the same recipe and seed that comes first; its folder is
+    #: ``{first}`` in the overrides.
+    first: list[str] = field(default_factory=list)
+    #: The row whose runs with the same seeds these are compared with.
+    against: str | None = None
+    #: Mazes of this row alone; those of the experiment if there are none.
+    mazes: list[str] = field(default_factory=list)
+
+
+@dataclass
+class PaperConfig(Settings):
+    """The paper's own figures of a row in a maze, by the table's columns."""
+
+    row: str = MISSING
+    maze: str = MISSING
+    values: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class ExperimentConfig(Settings):
+    """A table of the paper (``conf/experiment``)."""
+
+    group = "experiment"
+    name: str = MISSING
+    title: str = MISSING
+    recipe: str = one_of("explore", "pretrain")
+    mazes: list[str] = MISSING
+    overrides: list[str] = MISSING
+    laptop_overrides: list[str] = field(default_factory=list)
+    paper_overrides: list[str] = field(default_factory=list)
+    rows: list[RowConfig] = MISSING
+    scripted: list[str] = MISSING
+    columns: list[str] = MISSING
+    paper: list[PaperConfig] = MISSING
+    remarks: list[str] = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        labels = [row.label for row in self.rows]
+        rule = "experiment.rows must have a label each"
+        require(len(set(labels)) == len(labels), rule, f"{', '.join(labels)}")
+        for row in self.rows:
+            known = row.against is None or row.against in labels
+            rule = f"what row '{row.label}' is compared with must be a row"
+            require(known, rule, f"'{row.against}'")
+
+
+@dataclass
+class ReproduceConfig(Settings):
+    """Settings of ``recipes/reproduce.py``."""
+
+    experiment: ExperimentConfig = MISSING
+    scale: str = one_of("smoke", "laptop", "paper")
+    seeds: int = at_least(1)
+    most_mazes: int | None = at_least(1)
+    rows: list[str] = MISSING
+    explore_overrides: list[str] = MISSING
+    pretrain_overrides: list[str] = MISSING
+    explore_s: float | None = above(0)
+    pretrain_s: float | None = above(0)
+    runs: str = MISSING
+    folder: str = MISSING
+    jobs: int = at_least(1)
+    make: bool = MISSING
+    poll_s: float = above(0)
+    draws: int = at_least(1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        labels = [row.label for row in self.experiment.rows]
+        for row in self.rows:
+            rule = f"rows must name some of {', '.join(labels)}"
+            require(row in labels, rule, f"'{row}'")
+        require(bool(self.runs), "runs must name a folder", f"'{self.runs}'")
+        require(bool(self.folder), "folder must name a folder", f"'{self.folder}'")
+
+    def overrides_of(self, given: RowConfig | ExperimentConfig) -> list[str]:
+        """The settings of a row, or of all rows, at this scale."""
+        scaled = {"laptop": given.laptop_overrides, "paper": given.paper_overrides}
+        return [*given.overrides, *scaled.get(self.scale, [])]
+
+
+def maze_words(given: str) -> tuple[str, list[str]]:
+    """The name of a maze of an experiment, and the settings that choose it.
+
+    What stands before a colon is the name, what stands after it the settings.
+
+    Examples:
+        >>> maze_words("maze1")
+        ('maze1', ['maze=maze1'])
+        >>> maze_words("generated 3: maze=random maze.seed=3")
+        ('generated 3', ['maze=random', 'maze.seed=3'])
+    """
+    name, colon, words = given.partition(":")
+    return name.strip(), words.split() if colon else [f"maze={given}"]
+
+
+def paper_figures(
+    paper: list[PaperConfig],
+) -> Mapping[tuple[str, str], Mapping[str, float]]:
+    """The paper's figures by row and maze."""
+    return {(one.row, one.maze): one.values for one in paper}

@@ -1,0 +1,14 @@
+"""Experiments as data: which runs a table needs, where they are, how they are made."""
+
+from toponav.experiments.cells import Cell as Cell, plan_cells as plan_cells
+from toponav.experiments.estimates import (
+    announce as announce,
+    expected_seconds as expected_seconds,
+    missing_cells as missing_cells,
+)
+from toponav.experiments.groups import (
+    make_groups as make_groups,
+    missing_sentences as missing_sentences,
+    scripted_of as scripted_of,
+)
+from toponav.experiments.making import RunMaker as RunMaker

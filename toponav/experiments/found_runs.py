@@ -1,0 +1,140 @@
+"""Runs are found again by their settings: what a run is, and which are there."""
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from toponav.builders import NETWORKS_FILE
+from toponav.config import SettingsError, read_yaml
+from toponav.runs import (
+    BrokenRunError,
+    read_exploration,
+    read_pretraining,
+    read_table,
+)
+
+#: Settings that change how a run is made, or where, and not what comes out.
+_NOT_RESULTS = frozenset(
+    (
+        *("resume", "threads", "device", "collect.max_idle_s", "pretraining.folder"),
+        *("report.every", "report.pictures_every_s", "report.save_every_s"),
+        *("evaluate.random_folder", "train.threads", "train.save_every_s"),
+    )
+)
+#: Settings that name the run of others.
+OTHER_RUNS = ("pretrained", "init_from", "init_policy")
+_RUN = "run "
+
+
+def run_key(recipe: str, settings: Mapping[str, Any]) -> str:
+    """A short word for all settings that a run's result depends on.
+
+    ``settings`` are plain values, nested. A setting that is ``None`` counts as absent,
+    so that one that is new changes no key; another run is known by its own key and not
+    by its folder.
+
+    Examples:
+        >>> one = run_key("explore", {"seed": 0, "threads": 1, "resume": None})
+        >>> one == run_key("explore", {"seed": 0, "threads": 2})
+        True
+        >>> one == run_key("explore", {"seed": 1, "threads": 1})
+        False
+    """
+    values = {
+        name: _key_of_other(value) if name in OTHER_RUNS else value
+        for name, value in _flat(settings)
+        if name not in _NOT_RESULTS and value is not None
+    }
+    text = json.dumps([recipe, values], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _key_of_other(value: str) -> str:
+    folder = Path(value)
+    folder = folder if folder.is_dir() else folder.parent
+    return next((f"{_RUN}{key}" for _, key in read_keys([folder])), value)
+
+
+def named_run(key: str) -> str:
+    """What stands for the folder of a run that may not be there yet."""
+    return f"{_RUN}{key}"
+
+
+def read_keys(folders: list[Path]) -> Iterator[tuple[Path, str]]:
+    """Folder and key of each of these folders that is a run with readable settings."""
+    for folder in folders:
+        saved = folder / "config"
+        if not (saved / "config.yaml").is_file():
+            continue
+        # A damaged one is nobody's run, and neither is one of an earlier version.
+        with suppress(SettingsError, ValueError, AttributeError):
+            recipe = OmegaConf.select(
+                read_yaml(saved / "hydra.yaml"), "hydra.job.config_name"
+            )
+            if recipe in ("explore", "pretrain"):
+                yield folder, run_key(recipe, plain(read_yaml(saved / "config.yaml")))
+
+
+def plain(config: DictConfig) -> dict[str, Any]:
+    """Settings as nested plain values, interpolations resolved."""
+    found: Any = OmegaConf.to_container(config, resolve=True)
+    return dict(found)
+
+
+def find_keys(runs: Path) -> dict[str, Path]:
+    """The run of each key in a folder of runs, finished ones before others."""
+    folders = sorted(path.parent.parent for path in runs.rglob("config/config.yaml"))
+    found: dict[str, Path] = {}
+    for folder, key in read_keys(folders):
+        if key not in found or (not is_finished(found[key]) and is_finished(folder)):
+            found[key] = folder
+    return found
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether a run has left its results, and no later start of it goes on."""
+    try:
+        if (folder / "evaluation.csv").is_file():
+            read_exploration(folder)
+            config = read_yaml(folder / "config" / "config.yaml")
+            wanted = OmegaConf.select(config, "collect.decisions")
+            # One that goes on with more decisions has the results of fewer.
+            by_clock = OmegaConf.select(config, "collect.minutes") is not None
+            return by_clock or decisions_of(folder) >= wanted
+        read_pretraining(folder)
+    except (BrokenRunError, SettingsError):
+        return False
+    return (folder / NETWORKS_FILE).is_file()
+
+
+def decisions_of(folder: Path) -> float:
+    """Decisions that an exploration has reported, 0 before it does."""
+    with suppress(BrokenRunError, ValueError):
+        table = read_table(folder / "metrics.csv", ("decisions",))
+        return float(table["decisions"].iloc[-1])
+    return 0.0
+
+
+def seconds_of(folder: Path) -> float:
+    """Seconds that a finished run took, its pre-training left out; NaN if unknown."""
+    with suppress(BrokenRunError, ValueError):
+        if (folder / "phases.csv").is_file():
+            phases = read_table(folder / "phases.csv", ("phase", "seconds"))
+            return float(phases["seconds"][phases["phase"] != "pre-train"].sum())
+        table = read_table(folder / "metrics.csv", ("seconds",))
+        return float(table["seconds"].iloc[-1])
+    return math.nan

@@ -1,0 +1,74 @@
+"""What a table is made of: the finished runs of each row in each maze."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from toponav.builders import pretraining_decisions
+from toponav.config import (
+    ExploreConfig,
+    ReproduceConfig,
+    maze_words,
+    paper_figures,
+)
+from toponav.experiments.cells import Cell, mazes_of, rows_of
+from toponav.experiments.found_runs import is_finished
+from toponav.methods import REWARDS, make_world
+from toponav.reports import Group, scripted_rows
+
+
+def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]:
+    """The groups of an experiment, in the order of its rows and mazes."""
+    paper = paper_figures(settings.experiment.paper)
+    groups = []
+    for row in rows_of(settings):
+        for given in mazes_of(settings, row):
+            maze, _ = maze_words(given)
+            own = [cell for cell in cells if (cell.row, cell.maze) == (row.label, maze)]
+            runs = {one.seed: one.folder for one in own if is_finished(one.folder)}
+            before = _decisions_before(own[0]) if runs else math.nan
+            figures = paper.get((row.label, maze), {})
+            group = Group(row.label, maze, runs, len(own), before, row.against, figures)
+            groups.append(group)
+    return groups
+
+
+def _decisions_before(cell: Cell) -> float:
+    """Decisions that the networks of an exploration learned from before it."""
+    if cell.recipe != "explore":
+        return 0.0
+    config = explore_settings(cell)
+    needed = REWARDS[config.reward.name].needs_networks or config.pretrained
+    return pretraining_decisions(config) if needed else 0.0
+
+
+def explore_settings(cell: Cell) -> ExploreConfig:
+    """The settings of a cell that explores."""
+    found: Any = OmegaConf.to_object(cell.config)
+    assert isinstance(found, ExploreConfig)
+    return found
+
+
+def scripted_of(
+    settings: ReproduceConfig, cells: Sequence[Cell], *, play: bool
+) -> Mapping[str, list[dict[str, Any]]]:
+    """By maze, the episodes of the experiment's scripted policies."""
+    names, found = settings.experiment.scripted, dict[str, list[dict[str, Any]]]()
+    for cell in cells:
+        if names and cell.recipe == "explore" and cell.maze not in found:
+            config = explore_settings(cell)
+            world = make_world(config)
+            found[cell.maze] = scripted_rows(config, world, names, play=play)
+    return found
+
+
+def missing_sentences(cells: Sequence[Cell], failures: Mapping[str, str]) -> list[str]:
+    """A sentence for every run that a table lacks."""
+    sentences = []
+    for cell in cells:
+        if not is_finished(cell.folder):
+            why = failures.get(cell.key, "it is not made yet")
+            sentences.append(f"missing: {cell.name}: {why}")
+    return sentences

@@ -1,0 +1,95 @@
+"""What policies do that do not learn: the blind baselines, and an expert."""
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import torch
+from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
+
+from toponav import keys
+from toponav.builders import World, seed_of
+from toponav.config import ExploreConfig
+from toponav.policies import FrontierExpert
+from toponav.reports.baselines import (
+    baselines_content,
+    baselines_file,
+    find_baselines,
+    play_baselines,
+)
+from toponav.reports.episodes import play_episodes
+from toponav.reports.exploration_evaluation import (
+    BASELINES,
+    EVALUATION_SEED,
+    Evaluation,
+)
+from toponav.runs import write_text
+from toponav.training import Row, make_coverage
+
+FRONTIER = "frontier"
+#: All policies of this file, by their names in tables.
+SCRIPTED = (*BASELINES, FRONTIER)
+
+
+def scripted_rows(
+    settings: ExploreConfig, world: World, names: Sequence[str], *, play: bool = True
+) -> list[Row]:
+    """Episodes of scripted policies in a maze, as rows of ``evaluation.csv``.
+
+    They are found where an earlier run kept them, or played and kept if ``play``.
+    """
+    rows: list[Row] = []
+    if set(names) & set(BASELINES):
+        find = play_baselines if play else find_baselines
+        rows += find(settings, world) or []
+    if FRONTIER in names:
+        rows += _frontier(settings, world, play=play)
+    return [row for row in rows if row["policy"] in names]
+
+
+def _frontier(settings: ExploreConfig, world: World, *, play: bool) -> list[Row]:
+    """The expert that knows the maze and goes to the nearest cell not yet visited."""
+    file = baselines_file(settings, world)
+    file = file.with_name(f"{file.stem}-{FRONTIER}.json")
+    content = baselines_content(settings, world)
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        found = json.loads(file.read_text(encoding="utf-8"))
+        kept: list[Row] = found["rows"]
+        if found["of"] == content and len(kept) == settings.evaluate.random_episodes:
+            return kept
+    if not play:
+        return []
+    rows = _play(settings, world)
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_text(Path(file), json.dumps({"of": content, "rows": rows}, indent=1))
+    return rows
+
+
+def _play(settings: ExploreConfig, world: World) -> list[Row]:
+    assert world.layout is not None
+    seed = settings.evaluate.random_seed
+
+    def make_env(envs: int) -> EnvBase:
+        env = world.make_env(batch_size=envs, seed=0, privileged=True)
+        return TransformedEnv(env, Compose(make_coverage(world), InitTracker()))
+
+    expert = FrontierExpert(
+        torch.as_tensor(world.layout.open_mask),
+        world=world.spec,
+        slot_cells=list(world.layout.slots.values()),
+        seed=seed,
+    )
+    played = play_episodes(
+        make_env,
+        {FRONTIER: expert},
+        {FRONTIER: settings.evaluate.random_episodes},
+        world.episode_length,
+        seed=seed_of(seed, EVALUATION_SEED),
+        keep=[],
+        keep_next=[keys.COVERAGE, keys.DECISIONS_TO_COVERAGE, keys.TRUNCATED],
+        views=0,
+    )[FRONTIER]
+    one = Evaluation(FRONTIER, played.frames, played.views, keys.INTRINSIC_REWARD)
+    return one.rows()
