@@ -92,7 +92,7 @@ class Agent:
         gamma: discount of rewards.
         reward: key of the reward that it learns from.
         cells: widths of the hidden layers of policy and critic.
-        entropy_coeff: weight of the entropy bonus.
+        minibatch: decisions of a step of the critic.
     """
 
     def __init__(
@@ -102,12 +102,13 @@ class Agent:
         gamma: float,
         reward: str = "reward",
         cells: tuple[int, ...] = (64, 64),
-        entropy_coeff: float = 0.0,
+        minibatch: int = 128,
     ) -> None:
         size = env.observation_spec["observation"].shape[-1]
+        self.minibatch = minibatch
         self.policy = make_actor(size, env, list(cells))
         critic = ValueOperator(make_mlp(size, 1, list(cells)), ["observation"])
-        self.loss = TRPOLoss(self.policy, critic, entropy_coeff=entropy_coeff)
+        self.loss = TRPOLoss(self.policy, critic)
         self.loss.make_value_estimator(gamma=gamma, lmbda=0.95)
         self.loss.set_keys(reward=reward)
         parameters = self.loss.policy_parameters()
@@ -120,12 +121,12 @@ class Agent:
 
         def evaluate() -> tuple[Tensor, Tensor]:
             terms = self.loss.policy_terms(batch)
-            return terms["loss_objective"] + terms["loss_entropy"], terms["kl"]
+            return terms["loss_objective"], terms["kl"]
 
         self.region.step(evaluate)
         inputs = self.loss.critic_inputs(batch).reshape(-1)
         for _ in range(10):
-            for rows in torch.randperm(len(inputs)).split(128):
+            for rows in torch.randperm(len(inputs)).split(self.minibatch):
                 self.optimizer.zero_grad()
                 self.loss.critic_loss(inputs[rows]).backward()
                 self.optimizer.step()
