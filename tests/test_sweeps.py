@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from filelock import FileLock
 from omegaconf import OmegaConf
 
 from tests.forked import run_forked
-from toponav.runs import log_uniform
+from toponav.runs import alone_in, log_uniform
 
 
 def tour(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -19,7 +18,7 @@ def tour(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_a_run_has_its_folder_to_itself(tmp_path: Path) -> None:
     (tmp_path / "run" / "config").mkdir(parents=True)
-    with FileLock(tmp_path / "run" / "config" / ".lock"):
+    with alone_in(tmp_path / "run" / "config"):
         done = tour(tmp_path, "hydra.run.dir=run")
         # The folder of the other run, which has written nothing yet, is left alone.
         assert (tmp_path / "run" / "config" / ".lock").exists()
@@ -30,6 +29,7 @@ def test_a_run_has_its_folder_to_itself(tmp_path: Path) -> None:
     )
     done = tour(tmp_path, "hydra.run.dir=run")
     assert done.returncode == 0, done.stderr
+    assert not list(tmp_path.rglob("*.lock"))
 
 
 @pytest.mark.slow

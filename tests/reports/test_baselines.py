@@ -147,6 +147,8 @@ def test_of_two_runs_at_once_one_plays(
         thread.join()
     assert found == [PLAYED] * 4
     assert len(plays) == 1
+    file = baselines.baselines_file(config, world_of(config))
+    assert list(file.parent.iterdir()) == [file]  # no lock is left
 
 
 def test_a_process_that_is_killed_costs_a_sentence(

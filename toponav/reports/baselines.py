@@ -12,7 +12,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NoReturn
 
-from filelock import FileLock
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase, TransformedEnv
 from tqdm import tqdm
@@ -28,7 +27,7 @@ from toponav.reports.exploration_evaluation import (
     Evaluation,
     evaluate_policies,
 )
-from toponav.runs import write_text
+from toponav.runs import locked, write_text
 from toponav.training import Explorer, Row, make_coverage, mean_of
 
 # To be raised if policies, scenes or what counts as covered change.
@@ -157,14 +156,12 @@ def play_baselines(settings: ExploreConfig, world: World) -> list[Row]:
     They are not kept where they cannot be, nor if an engine was lost meanwhile.
     """
     file, rows = baselines_file(settings, world), None
-    with suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(file.with_name(f".{file.stem}.lock")):
-            if (rows := find_baselines(settings, world)) is None:
-                rows, is_whole = _play(settings, world)
-                if is_whole:
-                    content = {"of": baselines_content(settings, world), "rows": rows}
-                    write_text(file, json.dumps(content, indent=1))
+    with suppress(OSError), locked(file.with_name(f".{file.stem}.lock")):
+        if (rows := find_baselines(settings, world)) is None:
+            rows, is_whole = _play(settings, world)
+            if is_whole:
+                content = {"of": baselines_content(settings, world), "rows": rows}
+                write_text(file, json.dumps(content, indent=1))
     return rows or _play(settings, world)[0]
 
 

@@ -15,6 +15,7 @@ from toponav.runs.files import (
 )
 from toponav.runs.locks import (
     alone_in as alone_in,
+    locked as locked,
     remove_unused as remove_unused,
     stop_requests as stop_requests,
 )

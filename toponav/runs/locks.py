@@ -1,37 +1,70 @@
-"""A run's hold on its folder, and the signals that ask it to stop."""
+"""What one process has to itself, and the signals that ask a run to stop."""
 
+import fcntl
+import os
 import shutil
 import signal
 import sys
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-
-from filelock import FileLock, Timeout
+from typing import IO
 
 from toponav.config import SettingsError
 
 
 @contextmanager
+def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
+    """Hold a lock file, which falls with the process and is gone after the block.
+
+    Args:
+        path: of the file; its folder is made.
+        wait: until nobody else holds it.
+
+    Raises:
+        BlockingIOError: if somebody else holds it, without ``wait``.
+    """
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            # Who held it before has removed it, and its name may be another file's.
+            if not _is_at(path, file):
+                continue
+            try:
+                yield
+            finally:
+                # While it is held, or the next one's would be removed.
+                if _is_at(path, file):
+                    path.unlink()
+            return
+
+
+def _is_at(path: Path, file: IO[str]) -> bool:
+    """Whether an open file still has this path."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    except FileNotFoundError:
+        return False
+
+
+@contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a folder's lock, which falls with the process.
+    """Hold a folder's lock.
 
     Raises:
         SettingsError: if another process holds it.
     """
-    lock = FileLock(folder / ".lock", timeout=0)
-    try:
-        lock.acquire()
-    except Timeout as error:
-        raise SettingsError(
-            "a run must have its folder to itself, got one that another run is "
-            f"writing to: '{folder.parent}'"
-        ) from error
-    try:
+    with ExitStack() as held:
+        try:
+            held.enter_context(locked(folder / ".lock", wait=False))
+        except BlockingIOError as error:
+            raise SettingsError(
+                "a run must have its folder to itself, got one that another run is "
+                f"writing to: '{folder.parent}'"
+            ) from error
         yield
-    finally:
-        lock.release()
 
 
 def remove_unused(folder: Path, names: Collection[str]) -> None:
