@@ -121,6 +121,7 @@ def words_for_hydra(
     script = importlib.import_module(f"recipes.{recipe}")
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     monkeypatch.setattr("signal.signal", lambda *_: None)
+    monkeypatch.setattr("sys.unraisablehook", sys.unraisablehook)
     monkeypatch.setattr(
         "hydra.main", lambda **_: lambda _: lambda: seen.extend(sys.argv[1:])
     )

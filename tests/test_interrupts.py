@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM while a recipe imports other modules, and after its last line."""
+"""Ctrl-C and SIGTERM in a recipe's process, from its first import to its end."""
 
 import importlib
 import multiprocessing
@@ -6,6 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
+import weakref
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,7 +39,19 @@ class Last:
 last = Last()
 ignore_signals()
 """
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
 RUN = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='{}')"
+
+
+@pytest.fixture
+def own_signals(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What a recipe's process answers, for one test."""
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    before = {number: signal.getsignal(number) for number in NUMBERS}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def interrupt(
@@ -88,6 +103,7 @@ def test_other_signals_are_silent(
     assert done.stdout == ("" if status else "went on\n")
 
 
+@pytest.mark.usefixtures("own_signals")
 @pytest.mark.parametrize("alive", [True, False])
 def test_a_process_whose_run_was_killed_ends_without_a_word(
     alive: bool,
@@ -97,23 +113,19 @@ def test_a_process_whose_run_was_killed_ends_without_a_word(
     run = SimpleNamespace(is_alive=lambda: alive)
     monkeypatch.setattr(multiprocessing, "parent_process", lambda: run)
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        catch_early("__mp_main__")
-    finally:
-        signal.signal(signal.SIGINT, before)
+    catch_early("__mp_main__")
     error = ConnectionResetError("by peer")
     sys.excepthook(type(error), error, None)
     assert ("by peer" in capsys.readouterr().err) == alive
 
 
 def test_who_imports_a_recipe_keeps_its_signals() -> None:
-    before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+    before = [signal.getsignal(one) for one in NUMBERS]
     importlib.reload(importlib.import_module("recipes.tour"))
-    assert before == [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+    assert before == [signal.getsignal(one) for one in NUMBERS]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", NUMBERS)
 def test_a_signal_after_the_last_line_changes_nothing(number: signal.Signals) -> None:
     done = subprocess.run(
         [sys.executable, "-c", LATE.format(number.name)],
@@ -126,6 +138,7 @@ def test_a_signal_after_the_last_line_changes_nothing(number: signal.Signals) ->
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.usefixtures("own_signals")
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_recipe_ignores_signals_once_its_last_job_is_done(
     fails: bool, monkeypatch: pytest.MonkeyPatch
@@ -136,35 +149,65 @@ def test_a_recipe_ignores_signals_once_its_last_job_is_done(
         if fails:
             raise SettingsError("a setting must be right, got a wrong one")
 
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.getsignal(number) for number in numbers}
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     monkeypatch.setattr("sys.argv", ["tour.py"])
     monkeypatch.setattr("hydra.main", lambda **_: lambda _: jobs)
     main = importlib.import_module("recipes.tour").main
-    try:
-        with pytest.raises(SystemExit) if fails else nullcontext():
-            main()
-        ignored = [signal.getsignal(number) is signal.SIG_IGN for number in numbers]
-        # What failed may take long to clean up: a second Ctrl-C insists.
-        assert ignored == 2 * [not fails]
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with pytest.raises(SystemExit) if fails else nullcontext():
+        main()
+    ignored = [signal.getsignal(number) is signal.SIG_IGN for number in NUMBERS]
+    # What failed may take long to clean up: a second Ctrl-C insists.
+    assert ignored == 2 * [not fails]
 
 
+@pytest.mark.usefixtures("own_signals")
 def test_ctrl_c_raises_again_once_everything_is_imported() -> None:
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.getsignal(number) for number in numbers}
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        catch_early("__main__")
-        assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-        catch_as_usual()
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        with pytest.raises(SystemExit, match="143"):
-            signal.raise_signal(signal.SIGTERM)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    catch_early("__main__")
+    assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    catch_as_usual()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    with pytest.raises(SystemExit, match="143"):
+        signal.raise_signal(signal.SIGTERM)
+
+
+class Freed:
+    """What may be referred to weakly."""
+
+
+def get_where_exceptions_are_lost(number: int) -> None:
+    """Get a signal in the callback of a weak reference, then work for seconds."""
+    thing = Freed()
+    reference = weakref.ref(thing, lambda _: os.kill(os.getpid(), number))
+    del thing
+    assert reference() is None
+    for _ in range(400):
+        time.sleep(0.01)
+
+
+@pytest.mark.usefixtures("own_signals")
+@pytest.mark.parametrize(
+    ("number", "error"),
+    [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)],
+)
+def test_a_signal_is_answered_where_python_loses_exceptions(
+    number: int, error: type[BaseException], capsys: pytest.CaptureFixture[str]
+) -> None:
+    catch_as_usual()
+    with pytest.raises(error):
+        get_where_exceptions_are_lost(number)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.usefixtures("own_signals")
+def test_other_exceptions_that_python_loses_are_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    catch_as_usual()
+    thing = Freed()
+    reference = weakref.ref(thing, lambda _: [][0])
+    del thing
+    assert reference() is None
+    said = capsys.readouterr().err
+    assert said.startswith("Exception ignored in")
+    assert "IndexError" in said

@@ -1,9 +1,11 @@
-"""Ctrl-C and SIGTERM while a recipe is still imported, and once its work is done."""
+"""Ctrl-C and SIGTERM from the first import of a recipe to the end of its process."""
 
+import _thread
 import multiprocessing
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -32,9 +34,14 @@ def catch_early(name: str) -> None:
 
 
 def catch_as_usual() -> None:
-    """Let Ctrl-C raise ``KeyboardInterrupt`` again, and SIGTERM ``SystemExit``."""
+    """Let Ctrl-C raise ``KeyboardInterrupt`` again, and SIGTERM ``SystemExit``.
+
+    In a destructor or the callback of a weak reference Python prints an exception and
+    goes on. A signal that lands there is sent once more, until it stops the run.
+    """
     _replace(_leave, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    sys.unraisablehook = _send_if_lost
 
 
 def ignore_signals() -> None:
@@ -58,6 +65,25 @@ def _leave(number: int, _frame: FrameType | None) -> None:
         sentence = f"{Path(sys.argv[0]).stem}: stopped by Ctrl-C\n"
         os.write(2, sentence.encode())  # standard error, without a lock or a buffer
     os._exit(128 + number)
+
+
+def _send_if_lost(lost: "sys.UnraisableHookArgs") -> None:
+    error = lost.exc_value
+    if isinstance(error, KeyboardInterrupt):
+        number = int(signal.SIGINT)
+    elif isinstance(error, SystemExit) and isinstance(error.code, int):
+        number = error.code - 128
+    else:
+        sys.__unraisablehook__(lost)
+        return
+    # An exception would be lost here, too. This thread needs none of Python's locks,
+    # which the main thread may hold.
+    _thread.start_new_thread(_send, (number,))
+
+
+def _send(number: int) -> None:
+    time.sleep(0.05)
+    os.kill(os.getpid(), number)
 
 
 def _say_unless_orphaned(
