@@ -396,15 +396,15 @@ def temporary_files(folder: Path) -> list[str]:
 def broken_files(folder: Path, *, cut: bool = False) -> list[str]:
     """Files that their reader refuses, or that have none.
 
-    With ``cut``, those that grow line by line and those that Hydra writes at the start
-    may end anywhere: the resume deals with them.
+    With ``cut``, those that grow line by line may end anywhere: the resume deals with
+    them.
     """
     found, temporary = [], temporary_files(folder)
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))
         if path.is_dir() or name in temporary or "tfevents" in path.name:
             continue
-        if cut and name.startswith(("logs/", "config/")):
+        if cut and name.startswith("logs/"):
             continue
         try:
             READERS[path.suffix or path.name](path)

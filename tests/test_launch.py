@@ -1,9 +1,13 @@
+import resource
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from tests.forked import run_forked
 from toponav.config import SettingsError
 from toponav.launch import named_folder, resumed_arguments
 
@@ -96,6 +100,28 @@ def test_a_command_line_that_was_cut_is_refused(tmp_path: Path) -> None:
         (tmp_path / "config" / "overrides.yaml").write_text(damaged)
         with pytest.raises(SettingsError, match="command line was kept whole"):
             resumed_arguments([f"resume={tmp_path}"], "explore")
+
+
+@contextmanager
+def files_up_to(size: int) -> Iterator[None]:
+    """As on a disk that is full but for so many bytes a file."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+    yield
+
+
+def test_settings_that_cannot_be_written_leave_the_former_ones(tmp_path: Path) -> None:
+    folder = tmp_path / "run" / "config"
+    folder.mkdir(parents=True)
+    # The second of the three that Hydra saves, and the only long one.
+    former = folder / "hydra.yaml"
+    former.write_text("hydra: {}\n")
+    done = run_forked(
+        "tour", "hydra.run.dir=run", cwd=tmp_path, inside=files_up_to(500)
+    )
+    assert done.returncode == 1
+    assert "files of a run must be readable and writable, got [Errno" in done.stderr
+    assert former.read_text() == "hydra: {}\n"
+    assert {one.name for one in folder.iterdir()} == {"config.yaml", "hydra.yaml"}
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import hydra
+import hydra.core.utils
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
@@ -35,6 +36,7 @@ from toponav.runs import (
     log_uniform,
     remove_halves,
     remove_unused,
+    write_text,
 )
 
 Settings = TypeVar("Settings")
@@ -86,6 +88,7 @@ def recipe(
             # Hydra then raises instead of printing, and the sentence is ours.
             os.environ["HYDRA_FULL_ERROR"] = "1"
             argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
+            hydra.core.utils._save_config = _save_whole
             start = hydra.main(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)
@@ -121,6 +124,12 @@ def _register() -> None:
 def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:
     """Raise what Hydra's parser would print under its usage."""
     raise SettingsError(f"what begins with a dash must be a flag of Hydra's: {message}")
+
+
+def _save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
+    """Write what Hydra would write in place; a killed resume leaves the former file."""
+    output_dir.mkdir(parents=True, exist_ok=True)
+    write_text(output_dir / filename, OmegaConf.to_yaml(cfg))
 
 
 def _run_job(
