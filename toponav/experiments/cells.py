@@ -45,7 +45,8 @@ class Cell:
     @property
     def name(self) -> str:
         """How messages call it."""
-        return f"{self.row}, {self.maze}, seed {self.seed}"
+        parts = (self.row, self.maze, f"seed {self.seed}")
+        return ", ".join(part for part in parts if part)
 
 
 def rows_of(settings: ReproduceConfig) -> list[RowConfig]:
