@@ -57,6 +57,8 @@ DECISIONS_TO_COVERAGE: NestedKey = (PRIVILEGED, "decisions_to_coverage")
 #: int64 [1]; the waypoint of a navigator's map that is nearest in truth, -1 on an empty
 #: one. TruePlace -> a Navigator that is told its place, for diagnosis.
 TRUE_PLACE: NestedKey = (PRIVILEGED, "true_place")
+#: int64 [1]; squares of the floor entered in this episode. PlacesVisited -> evaluation.
+PLACES: NestedKey = (PRIVILEGED, "places")
 #: bool [1]; a new one beside one that looks the same way. WaypointTruth -> figures.
 SPURIOUS_WAYPOINT: NestedKey = (PRIVILEGED, "spurious_waypoint")
 

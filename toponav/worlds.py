@@ -72,3 +72,8 @@ class WorldSpec:
     def has_truth(self) -> bool:
         """Whether environments of this world can report poses and cells."""
         return self.motion is not None
+
+    @property
+    def has_positions(self) -> bool:
+        """Whether environments can report at least the agent's position."""
+        return self.has_truth or self.place_size is not None

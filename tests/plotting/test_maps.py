@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.offsetbox import AnnotationBbox
 
 from tests import episodes
 from tests.fakes import MAZES, parse
@@ -192,3 +193,23 @@ def test_a_map_without_places_is_laid_out_from_its_edges(num_edges: int) -> None
     assert len(np.unique(dots.get_offsets(), axis=0)) == 4
     lines = [one for one in axes.collections if isinstance(one, LineCollection)]
     assert [len(one.get_segments()) for one in lines] == [1] * num_edges
+
+
+def test_views_stand_beside_their_waypoints_where_there_is_room() -> None:
+    # A closed path of 40 waypoints, and one that no edge joins.
+    ring = torch.stack([torch.arange(40), (torch.arange(40) + 1) % 40], 1)
+    asked: list[int] = []
+
+    def find_views(numbers: list[int]) -> dict[int, np.ndarray]:
+        asked.extend(numbers)
+        return {one: np.full((6, 8, 3), one, np.uint8) for one in numbers}
+
+    figure = draw_graph(41, ring, torch.ones(40), find_views=find_views)
+    (axes,) = figure.axes
+    boxes = [one for one in axes.artists if isinstance(one, AnnotationBbox)]
+    assert 6 <= len(boxes) == len(set(asked)) <= 30
+    assert 40 not in asked
+    (dots,) = (one for one in axes.collections if isinstance(one, PathCollection))
+    for number, box in zip(asked, boxes, strict=True):
+        assert box.xy == pytest.approx(dots.get_offsets()[number])
+        assert (np.asarray(box.offsetbox.get_data()) == number).all()

@@ -28,5 +28,9 @@ from toponav.graph.topological_map import (
     TopologicalMap as TopologicalMap,
     sparsify as sparsify,
 )
-from toponav.graph.views import ViewFile as ViewFile, Views as Views
+from toponav.graph.views import (
+    ViewFile as ViewFile,
+    Views as Views,
+    decode_view as decode_view,
+)
 from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph

@@ -1,5 +1,6 @@
 """What was explored, drawn on the plan: an episode, a map, a path to the goal."""
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import networkx
@@ -7,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
 from torch import Tensor
@@ -24,6 +26,8 @@ from toponav.plotting.plan import (
 
 WAYPOINT, SPURIOUS = style.WHITE, style.RED
 _EDGE, _CUT = "#8c9bab", "#c1121f"
+# Size of a view in a graph, and the least distance of two, of the graph being 1.
+_VIEW_POINTS, _VIEW_SHARE = 46.0, 0.14
 # From a light blue that a visited cell has at least, to black.
 _TIMES = ["#d6e6f2", style.SKY, style.BLUE, "#12263a"]
 
@@ -121,11 +125,17 @@ def draw_topological_map(
 
 
 def draw_graph(
-    num_waypoints: int, edges: Tensor, edge_cost: Tensor, *, title: str = ""
+    num_waypoints: int,
+    edges: Tensor,
+    edge_cost: Tensor,
+    *,
+    find_views: Callable[[list[int]], Mapping[int, np.ndarray]] | None = None,
+    title: str = "",
 ) -> Figure:
     """Draw a map without ground truth: a layout computed from its edges alone.
 
-    Arguments are as for `draw_topological_map`.
+    Arguments are as for `draw_topological_map`; ``find_views`` returns views, uint8
+    ``[H, W, 3]``, of the waypoints whose numbers it gets, to be shown where they are.
 
     Examples:
         >>> import torch
@@ -141,9 +151,49 @@ def draw_graph(
     figure, axes = figure_of_plan(None, (8.6, 8.2), title)
     _draw_edges(axes, places, edges, edge_cost, np.zeros(len(edges), bool))
     style.add_dots(axes, places, 14, f"{num_waypoints:,} waypoints")
+    if find_views is not None and num_waypoints:
+        shown = _far_apart(places, np.unique(edges) if len(edges) else None)
+        for number, view in find_views(shown).items():
+            _show_view(axes, places[number], view)
     axes.set_axis_off()
     style.add_legend_below(axes, 0.02)
     return figure
+
+
+def _far_apart(places: np.ndarray, among: ArrayLike | None) -> list[int]:
+    """Numbers of places ``[W, 2]`` that leave room for a view each.
+
+    ``among`` are those to choose from, all unless given.
+    """
+    numbers = np.arange(len(places)) if among is None else np.asarray(among)
+    points = places[numbers]
+    room = _VIEW_SHARE * max(np.ptp(places, axis=0).max(), 1e-9)
+    chosen = [int(np.linalg.norm(points - points.mean(0), axis=1).argmax())]
+    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while distance.max() >= room:
+        chosen.append(int(distance.argmax()))
+        newest = np.linalg.norm(points - points[chosen[-1]], axis=1)
+        distance = np.minimum(distance, newest)
+    return [int(number) for number in numbers[chosen]]
+
+
+def _show_view(axes: Axes, place: np.ndarray, view: np.ndarray) -> None:
+    """A view in a thin frame beside its waypoint."""
+    zoom = _VIEW_POINTS / max(view.shape[:2])
+    image = OffsetImage(view, zoom=zoom, interpolation="nearest")
+    box = {"edgecolor": style.INK, "linewidth": 0.6}
+    arrow = {"arrowstyle": "-", "color": style.INK, "linewidth": 0.6}
+    shown = AnnotationBbox(
+        image,
+        (place[0], place[1]),
+        xybox=(0, 0.62 * _VIEW_POINTS),
+        boxcoords="offset points",
+        pad=0.05,
+        bboxprops=box,
+        arrowprops=arrow,
+        zorder=6,
+    )
+    axes.add_artist(shown)
 
 
 def _draw_edges(

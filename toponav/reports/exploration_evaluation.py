@@ -37,6 +37,7 @@ _EVERY = 6
 #: What is kept of each decision where it is there, for tables and pictures.
 _KEPT: list[NestedKey] = [keys.POSITION, keys.HEADING, keys.CELL, keys.COVERAGE]
 _KEPT += [keys.DECISIONS_TO_COVERAGE, keys.IS_NEW_WAYPOINT, keys.SPURIOUS_WAYPOINT]
+_KEPT += [keys.PLACES]
 
 
 @dataclass
@@ -61,6 +62,8 @@ class Evaluation:
             table["coverage"] = coverage.flatten().tolist()
             names = [f"decisions_to_{round(100 * level)}" for level in COVERAGE_LEVELS]
             table[names] = last.get(keys.DECISIONS_TO_COVERAGE).tolist()
+        if (places := last.get(keys.PLACES, None)) is not None:
+            table["places"] = places.flatten().tolist()
         reward = later.get(self.reward_key, None)
         returns = math.nan if reward is None else reward.sum(1).flatten().tolist()
         table["intrinsic_return"] = returns
@@ -129,9 +132,14 @@ def summarize_evaluation(world: str, rows: list[Row]) -> str:
     """
     table = pd.DataFrame(rows)
     if "coverage" not in table:
-        returns = table.groupby("policy", sort=False)["intrinsic_return"].mean()
-        texts = [f"{name} {value:.1f}" for name, value in returns.items()]
-        return f"{world}: intrinsic return per episode: {'; '.join(texts)}"
+        measures = {"places": "places visited", "intrinsic_return": "intrinsic return"}
+        by_policy, texts = table.groupby("policy", sort=False), []
+        for name, measure in measures.items():
+            if name in table:
+                means = by_policy[name].mean().items()
+                each = "; ".join(f"{policy} {value:.1f}" for policy, value in means)
+                texts.append(f"{measure} per episode: {each}")
+        return f"{world}: {'; '.join(texts)}"
     # NaN for an episode that did not get there.
     table["soon"] = table["decisions_to_90"].where(table["decisions_to_90"] >= 0)
     found = table.groupby("policy", sort=False).agg(

@@ -45,6 +45,8 @@ class EpisodeLog(Consumer):
         if world.spec.has_truth:
             self.ends = {"coverage": keys.COVERAGE, **self.ends}
             pictured += _POSES
+        elif world.spec.has_positions:
+            self.ends = {"places": keys.PLACES, **self.ends}
         later = [*summed, *self.ends.values(), *pictured, *_ENDS]
         self.in_keys = [*pictured, keys.TRAJECTORY, *(("next", key) for key in later)]
         self._totals = torch.zeros(len(self.sums), num_envs, dtype=torch.float64)

@@ -41,6 +41,7 @@ from toponav.transforms import (
     Coverage,
     EmbedViews,
     NoisyTV,
+    PlacesVisited,
     PolicyPixels,
     PreviousAction,
     PreviousReward,
@@ -109,7 +110,9 @@ def make_explore_env(
         SettingsError: if the settings do not fit the world.
         EngineError: if the engine cannot start.
     """
-    env = world.make_env(batch_size=envs, seed=seed, privileged=world.spec.has_truth)
+    env = world.make_env(
+        batch_size=envs, seed=seed, privileged=world.spec.has_positions
+    )
     reward, novelty = explorer.reward, explorer.novelty
     transforms: list[Transform] = []
     # The views: with noise if it is wanted, the policy's copy, the networks' copy.
@@ -125,6 +128,8 @@ def make_explore_env(
     transforms.append(PreviousAction(world.spec.num_actions))
     if world.layout is not None:
         transforms.append(make_coverage(world))
+    elif world.spec.place_size is not None:
+        transforms.append(PlacesVisited(world.spec.place_size))
     transforms.append(PreviousReward(in_keys=[reward.reward_key]))
     if stagger:
         transforms.append(StaggeredEpisodes(world.episode_length))

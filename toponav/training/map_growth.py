@@ -2,12 +2,13 @@
 
 import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from matplotlib.figure import Figure
 from tensordict import TensorDictBase
@@ -29,7 +30,13 @@ from toponav.builders import (
     pretraining_decisions,
 )
 from toponav.config import ExploreConfig
-from toponav.graph import TopologicalMap, ViewFile, save_map, sparsify
+from toponav.graph import (
+    TopologicalMap,
+    ViewFile,
+    decode_view,
+    save_map,
+    sparsify,
+)
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.metrics import (
     FALSE_EDGE_CELLS,
@@ -166,6 +173,7 @@ class MapGrowth(Consumer):
             },
             self.map.state_dict(views=False),
             self.map.waypoints.views.pictures(),
+            self.map.waypoints.views.pictures(),
             self.map.edge_cost.amin(1),
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
@@ -197,7 +205,7 @@ class MapGrowth(Consumer):
             return self.truth.draw(now, title)
         title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
         num, edges = len(now.state["origins"]), now.state["edges"]
-        return draw_graph(num, edges, now.cost, title=title)
+        return draw_graph(num, edges, now.cost, find_views=now.find_views, title=title)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         super().load_state_dict(state)
@@ -221,9 +229,19 @@ class _Snapshot:
     row: Row
     state: dict[str, Any]  # without views
     views: Iterator[Tensor | bytes]
+    shown: Iterator[Tensor | bytes]  # the same once more, for a picture
     cost: Tensor  # of the edges, in the cheaper direction
     poses: Tensor
     decisions_to_cover: float
+
+    def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
+        """Views of some waypoints by their numbers; to be called once."""
+        wanted = {}
+        for number, view in enumerate(self.shown):
+            if number in numbers:
+                one = decode_view(view) if isinstance(view, bytes) else view
+                wanted[number] = one.numpy()
+        return wanted
 
 
 class MapTruth:

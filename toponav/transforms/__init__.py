@@ -15,6 +15,7 @@ from toponav.transforms.novelty_rewards import (
     count_reward as count_reward,
     temporal_distance_reward as temporal_distance_reward,
 )
+from toponav.transforms.places import PlacesVisited as PlacesVisited
 from toponav.transforms.privileged import (
     Coverage as Coverage,
     WaypointTruth as WaypointTruth,
