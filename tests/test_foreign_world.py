@@ -46,9 +46,11 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 @pytest.mark.slow
 def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None:
-    done = explore(*WORLD, "hydra.run.dir=run", cwd=tmp_path)
+    where = "world.position=[_cell.0,_cell.1]"
+    done = explore(*WORLD, where, "hydra.run.dir=run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "intrinsic return per episode: " in done.stdout
+    assert "places visited per episode: best " in done.stdout
+    assert "intrinsic return per episode: best " in done.stdout
     run = tmp_path / "run"
     # Pre-training: networks for four actions and views of this world's size.
     networks = load_networks(run)
@@ -61,6 +63,9 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
     assert {"intrinsic_return", "new_waypoints", "waypoints"} <= set(episodes[0])
     policies = {row["policy"] for row in rows(run / "evaluation.csv")}
     assert policies == {"best", "last", "random", "sticky"}
+    # The measure that this world allows: of 72 cells, in 64 decisions.
+    for row in (*episodes, *rows(run / "evaluation.csv")):
+        assert 1 <= int(row["places"]) <= 65
     # The map: a graph, drawn without a plan.
     drawn = rows(run / "map.csv")[-1]
     state, _ = load_map(run / "map.zip")
@@ -84,6 +89,8 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
         ([*WORLD, "reward=coverage"], "reward=coverage must be used in a world that"),
         (["world=gym", "world.id=NoSuchWorld-v0"], "world.id: "),
         (["world=gym", "world.id=CartPole-v1"], "world.id: "),
+        ([*WORLD, "world.wrappers=[no.such.Wrapper]"], "world.id: wrappers must be "),
+        ([*WORLD, "world.options=[max_steps]"], "world.options must hold entries"),
         (["world=gim"], "world must be one of gym, maze, got 'gim'"),
     ],
 )

@@ -176,16 +176,13 @@ def _in_hydra(value: object) -> str:
     """A value in the grammar of Hydra's command line.
 
     Examples:
-        >>> [_in_hydra(value) for value in (None, [1, 2], {"a": True}, "a b")]
-        ['null', '[1,2]', '{a:true}', "'a b'"]
+        >>> [_in_hydra(value) for value in (None, True, [1, 2], "a b")]
+        ['null', 'true', '[1,2]', "'a b'"]
     """
     if value is None:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, dict):
-        entries = (f"{name}:{_in_hydra(one)}" for name, one in value.items())
-        return "{" + ",".join(entries) + "}"
     if isinstance(value, list):
         return "[" + ",".join(_in_hydra(one) for one in value) + "]"
     if isinstance(value, str) and not value.isidentifier():

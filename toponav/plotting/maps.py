@@ -155,6 +155,8 @@ def draw_graph(
         shown = _far_apart(places, np.unique(edges) if len(edges) else None)
         for number, view in find_views(shown).items():
             _show_view(axes, places[number], view)
+        # Room for the views at the edge.
+        axes.margins(0.06, 0.12)
     axes.set_axis_off()
     style.add_legend_below(axes, 0.02)
     return figure

@@ -1,9 +1,8 @@
 """Any Gymnasium environment with pixels and discrete actions."""
 
 from dataclasses import dataclass, field, fields
-from typing import Any
 
-from omegaconf import MISSING
+from omegaconf import MISSING, OmegaConf
 from torchrl.envs import EnvBase
 
 from toponav.builders import World
@@ -14,6 +13,7 @@ from toponav.config import (
     a_seed,
     above,
     refusing,
+    require,
 )
 from toponav.envs import GymChoices, make_pixel_env
 
@@ -24,13 +24,28 @@ class GymWorldConfig(WorldConfig):
 
     id: str = MISSING
     render: bool = MISSING
-    options: dict[str, Any] = field(default_factory=dict)
+    options: list[str] = field(default_factory=list)
     wrappers: list[str] = field(default_factory=list)
     view: str | None = MISSING
     actions: list[int] = field(default_factory=list)
     reset_seed: int | None = a_seed()
     position: list[str] = field(default_factory=list)
     place_size: float = above(0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for option in self.options:
+            rule = "world.options must hold entries such as max_steps:500"
+            require(":" in option, rule, f"'{option}'")
+
+    @property
+    def choices(self) -> GymChoices:
+        """What is done with the environment before anybody sees it."""
+        names = [choice.name for choice in fields(GymChoices)]
+        given = {name: getattr(self, name) for name in names}
+        lines = [option.replace(":", ": ", 1) for option in self.options]
+        options = OmegaConf.to_container(OmegaConf.create("\n".join(lines)))
+        return GymChoices(**(given | {"options": options}))
 
 
 class GymWorld(World):
@@ -60,14 +75,12 @@ class GymWorld(World):
         episode_length: int | None = None,
     ) -> EnvBase:
         """A batch of environments; ``privileged`` adds the position, if any."""
-        names = [choice.name for choice in fields(GymChoices)]
-        choices = GymChoices(**{name: getattr(self.config, name) for name in names})
         with refusing("world.id: "):
             return make_pixel_env(
                 self.config.id,
                 batch_size=batch_size,
                 episode_length=episode_length or self.episode_length,
                 seed=seed,
-                choices=choices,
+                choices=self.config.choices,
                 privileged=privileged,
             )
