@@ -63,7 +63,7 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
     assert {"intrinsic_return", "new_waypoints", "waypoints"} <= set(episodes[0])
     policies = {row["policy"] for row in rows(run / "evaluation.csv")}
     assert policies == {"best", "last", "random", "sticky"}
-    # The measure that this world allows: of 72 cells, in 64 decisions.
+    # The measure that this world allows: of 84 cells, in 64 decisions.
     for row in (*episodes, *rows(run / "evaluation.csv")):
         assert 1 <= int(row["places"]) <= 65
     # The map: a graph, drawn without a plan.

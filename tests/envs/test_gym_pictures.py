@@ -91,7 +91,7 @@ def test_only_the_chosen_actions_are_left() -> None:
 
 
 def test_the_position_is_privileged_and_there_if_asked_for() -> None:
-    where = {"position": ["place.1", "body.x"], "place_size": 2.5}
+    where = {"position": ["place.1", "body.x"], "square": 2.5}
     env = make(reset_seed=3, privileged=True, **where)
     check_env_specs(env)
     assert env.world.place_size == 2.5

@@ -32,7 +32,7 @@ class GymChoices:
     """What is done with a Gymnasium environment before anybody sees it.
 
     Examples:
-        >>> GymChoices(position=("agent_pos.0", "agent_pos.1")).place_size
+        >>> GymChoices(position=("agent_pos.0", "agent_pos.1")).square
         1.0
     """
 
@@ -44,7 +44,7 @@ class GymChoices:
     reset_seed: int | None = None  # of every reset; ``None`` draws them
     #: Where to find x and y, for reports alone; none if it has no position.
     position: Sequence[str] = ()
-    place_size: float = 1.0  # side of a square that counts as one place
+    square: float = 1.0  # side of what counts as one place
 
 
 def make_gym_env(id: str, choices: GymChoices) -> tuple[GymEnv, tuple[str, ...]]:

@@ -74,7 +74,7 @@ def make_pixel_env(
             env, actions = make_gym_env(id, choices)
             envs.append(TimeLimit(env, episode_length))
         height, width, _ = envs[0].observation_space.shape or ()
-        place_size = choices.place_size if choices.position else None
+        place_size = choices.square if choices.position else None
         world = WorldSpec(
             view_size=(height, width), actions=actions, place_size=place_size
         )

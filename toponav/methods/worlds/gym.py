@@ -30,7 +30,7 @@ class GymWorldConfig(WorldConfig):
     actions: list[int] = field(default_factory=list)
     reset_seed: int | None = a_seed()
     position: list[str] = field(default_factory=list)
-    place_size: float = above(0)
+    square: float = above(0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
