@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import torch
@@ -10,11 +11,20 @@ from tensordict import TensorDictBase
 from tests.collectors import test_mailbox_collector
 from tests.envs import fake_engine
 from tests.exploring import explore_settings, world_of
+from tests.test_explore import require_same
 from toponav.builders import make_networks
 from toponav.collectors import Mailbox, MailboxCollector
 from toponav.config import ExploreConfig
 from toponav.envs import ENGINES
 from toponav.methods import LEARNERS, make_reward
+from toponav.training import (
+    ExplorationState,
+    make_consumers,
+    make_learner,
+    publish,
+    restore_exploration,
+    save_exploration,
+)
 from toponav.training.explore_collector import (
     Explorer,
     make_worker_collector,
@@ -99,6 +109,48 @@ def test_a_collector_goes_on_where_another_one_was(overrides: tuple[str, ...]) -
         assert set(one.keys(True, True)) == set(other.keys(True, True))
         for key in one.keys(True, True):
             assert torch.equal(one[key], other[key]), key
+
+
+def explore(
+    config: ExploreConfig, folder: Path, *, decisions: int
+) -> dict[str, object]:
+    """The loop of the recipe in this process: go on up to so many decisions, save."""
+    folder.mkdir(exist_ok=True)
+    torch.manual_seed(config.seed)
+    world, state = world_of(config), ExplorationState()
+    reward = make_reward(config, world, None)
+    learner = make_learner(config, world, reward, state, folder)
+    explorer = Explorer(learner.policy, reward, None)
+    _, consumers = make_consumers(config, world, None, learner, reward, state, folder)
+    episodes = restore_exploration(folder, state, consumers)
+    mailbox = Mailbox(explorer.modules(), versions=state.versions)
+    given = {"decisions": state.decisions, "episodes": episodes}
+    collector = make_collector(config, mailbox, **given)
+    while state.decisions < decisions:
+        (batch,) = batches(collector, 1)
+        state.count(batch.numel(), 0.0, config.collect)
+        for consumer in consumers.values():
+            consumer.extend(batch)
+        state.versions |= publish(mailbox, explorer, consumers.values())
+    running = collector.running_episodes()
+    assert running is not None
+    save_exploration(folder, state, consumers, [running])
+    collector.shutdown()
+    found: dict[str, object] = torch.load(folder / "checkpoint.pt", weights_only=True)
+    return found
+
+
+@pytest.mark.slow
+def test_a_run_whose_reward_learns_ends_as_if_it_had_not_been_cut(
+    tmp_path: Path,
+) -> None:
+    words = ("reward=rnd", "reward.feature_dim=16", "collect.decisions=512")
+    config = explore_settings(*SMALL, *words)
+    # Batches of 4 times 16 decisions; cut after the third, within an episode of 64.
+    whole = explore(config, tmp_path / "whole", decisions=320)
+    for decisions in (192, 320):
+        cut = explore(config, tmp_path / "cut", decisions=decisions)
+    require_same(whole, cut)
 
 
 def test_what_is_kept_holds_no_weights() -> None:
