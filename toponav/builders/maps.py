@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import fields
 
+import torch
 from torch import Tensor
 
 from toponav.config import MapConfig, require
@@ -29,7 +30,11 @@ def make_map(
     settings = {name: value for name, value in vars(config).items() if name in names}
     settings |= {"tc_threshold": threshold, "tc_reach": reach}
     rules = MapRules(**settings)
-    return empty_map(tc, rules, goal_reward=world.goal_reward, views=views)
+    turns = None
+    if world.motion is not None:
+        turns = torch.tensor([effect.turn for effect in world.motion.effects])
+    reward = world.goal_reward
+    return empty_map(tc, rules, goal_reward=reward, turns=turns, views=views)
 
 
 def map_thresholds(
@@ -74,6 +79,7 @@ def empty_map(
     rules: MapRules,
     *,
     goal_reward: float | None = None,
+    turns: Tensor | None = None,
     views: Views | None = None,
 ) -> TopologicalMap:
     """A map by a TC-network on any device and in any precision."""
@@ -96,5 +102,6 @@ def empty_map(
         rules,
         prepare=prepare,
         goal_reward=goal_reward,
+        turns=turns,
         views=views,
     )

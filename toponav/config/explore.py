@@ -98,6 +98,10 @@ class MapConfig(Settings):
     window: int = at_least(0)
     search_window: int = at_least(0)
     surroundings: int = at_least(0)
+    surroundings_above: float = between(0, 0.999)
+    turn_tolerance: float | None = between(0, 180)
+    edge_threshold: float | None = between(0, 0.999)
+    edge_gap: int = at_least(1)
     hysteresis: bool = MISSING
     nearby: int | None = at_least(1)
     shortlist: int | None = at_least(1)

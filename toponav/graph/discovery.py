@@ -1,8 +1,7 @@
 """`Discovery`: which observations become waypoints, and which edges join them."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -11,8 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from toponav.graph.headings import agreed_angle, look_alike
+from toponav.graph.moving_mean import moving_mean
 from toponav.graph.pieces import Piece
 from toponav.graph.rules import MapRules
+from toponav.graph.track import Track
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Waypoints
 
@@ -20,44 +22,9 @@ from toponav.graph.waypoints import Waypoints
 _BLOCK = 16
 # Similarities are float32: a sum of them may be off by so much.
 _ROUNDING = 1e-5
-
-
-@dataclass
-class Track:
-    """The observations of one environment, and which of them are decided."""
-
-    env: int
-    frames: Tensor  # embeddings [F, D] to decide, and those before and after that vote
-    images: Tensor | None  # [F, H, W, C], if the views are known
-    number: int  # of the first frame among all observations of the environment
-    is_first: bool  # whether the map was empty when the episode began
-    cursor: int = 0  # index of the next frame to decide
-    stop: int = 0  # from here on, votes are missing
-    #: Waypoints of the last decided frames, those that an edge by time may begin at.
-    recent: list[int] = field(default_factory=list)
-    #: Waypoints of the frames that were decided since the last piece.
-    places: list[int] = field(default_factory=list)
-
-    @property
-    def place(self) -> int:
-        """Waypoint of the last decided frame, -1 before the first."""
-        return self.recent[-1] if self.recent else -1
-
-    def append(self, piece: Piece, lookahead: int) -> None:
-        self.frames = torch.cat([self.frames, piece.embeddings])
-        if self.images is not None and piece.images is not None:
-            self.images = torch.cat([self.images, piece.images])
-        else:
-            self.images = None
-        missing = 0 if piece.ends else lookahead
-        self.stop = max(len(self.frames) - missing, self.cursor)
-        self.places = []
-
-    def drop_decided(self, context: int) -> None:
-        start = max(self.cursor - context, 0)
-        self.frames = self.frames[start:].clone()
-        self.images = None if self.images is None else self.images[start:].clone()
-        self.cursor, self.number = self.cursor - start, self.number + start
+# Frames of a track of unknown direction that are compared with the map at most, and one
+# in so many of them at least.
+_COMPARED, _EVERY = 64, 6
 
 
 class Discovery:
@@ -74,6 +41,8 @@ class Discovery:
         self.rules = rules
         self._tracks: dict[int, Track] = {}
         self._counts: dict[int, int] = {}
+        # Whether an episode gave the map its direction.
+        self._has_direction = False
 
     def clear(self) -> None:
         self._tracks.clear()
@@ -90,6 +59,7 @@ class Discovery:
         """Apply the new numbers of all waypoints, int64 ``[W]``, after a merge."""
         for track in self._tracks.values():
             track.recent = number[track.recent].tolist()
+            track.sure = int(number[track.sure]) if track.sure >= 0 else -1
 
     def refresh(self) -> None:
         """Embed unfinished episodes again; those without views are dropped."""
@@ -120,8 +90,12 @@ class Discovery:
                 images=None if piece.images is None else piece.images[:0],
                 number=self._counts.get(piece.env, 0),
                 is_first=not len(self.waypoints),
+                headings=torch.empty(0),
+                oriented=False,
             )
             track.append(piece, self.rules.lookahead)
+            if not track.oriented:
+                self._orient(track)
             self._counts[piece.env] = track.number + len(track.frames)
             tracks.append(track)
         while due := [track for track in tracks if track.cursor < track.stop]:
@@ -135,6 +109,40 @@ class Discovery:
                 track.drop_decided(max(self.rules.lookahead, 1))
                 self._tracks[piece.env] = track
         return tracks
+
+    def _orient(self, track: Track) -> None:
+        """Find which way a track's first frame looks; until then nothing is decided."""
+        known = self.waypoints.headings
+        if self.rules.turn_tolerance is None or bool(track.headings[:1].isnan().any()):
+            track.headings, track.oriented = track.headings * torch.nan, True
+        elif not (len(known) or self._has_direction) or bool(known.isnan().all()):
+            # The first episode has the map's direction.
+            track.orient(0.0)
+        elif (offset := agreed_angle(self._votes_for_offset(track))) is not None:
+            track.orient(offset)
+        if not track.oriented:
+            track.places = [-1] * (len(track.frames) if track.ends else 0)
+            track.stop = track.cursor
+        self._has_direction |= track.oriented
+
+    def _votes_for_offset(self, track: Track) -> Tensor:
+        """Degrees by which the most similar waypoints' headings are larger, ``[V]``."""
+        votes = []
+        every = max(len(track.frames) // _COMPARED, _EVERY)
+        for at in range(0, len(track.frames), every) if len(self.waypoints) else ():
+            nodes = self.waypoints.shortlist(track.frames[at], self.rules.shortlist)
+            found = self.waypoints.similarities(track.frames[at : at + 1], nodes)[0]
+            if found.max() > self.rules.tc_threshold:
+                heading = self.waypoints.headings[nodes[found.argmax()]]
+                votes.append(heading - track.headings[at])
+        return torch.stack(votes) if votes else torch.empty(0)
+
+    def _looks_alike(self, track: Track, frames: Any, nodes: Tensor) -> Tensor:
+        """Whether frames look the same way as waypoints, bool ``[F, M]``."""
+        headings = track.headings[frames].unsqueeze(1)
+        tolerance = self.rules.turn_tolerance
+        most = torch.inf if tolerance is None else tolerance
+        return look_alike(headings, self.waypoints.headings[nodes], most)
 
     def _nearby(self, track: Track) -> list[int]:
         if self.rules.nearby is None:
@@ -177,6 +185,10 @@ class Discovery:
     ) -> None:
         """Map frames one by one, until one is like none of the waypoints nearby."""
         threshold = self.rules.tc_threshold
+        if near and self.rules.turn_tolerance is not None:
+            frames = slice(track.cursor, track.cursor + len(votes))
+            alike = self._looks_alike(track, frames, torch.tensor(near))
+            votes = np.where(alike.numpy(), votes, -1.0)
         column = {node: at for at, node in enumerate(near)}
         for row in votes:
             best = column.get(track.place) if self.rules.hysteresis else None
@@ -185,13 +197,13 @@ class Discovery:
             if best is None or not row[best] > threshold:
                 self._search(track)
                 return
-            self._move(track, near[best])
+            self._move(track, near[best], float(row[best]))
 
     def _search(self, track: Track) -> None:
         window, threshold = self.rules.search_window, self.rules.tc_threshold
         start = max(track.cursor - window, 0)
         frames = track.frames[start : track.cursor + window + 1]
-        candidates, similarity = self._candidates(frames[track.cursor - start])
+        candidates, similarity = self._candidates(track, track.cursor)
         # A mean above the threshold leaves no single vote below this.
         least = 1 - len(frames) * (1 - threshold) - _ROUNDING
         likely = candidates[similarity > least]
@@ -202,12 +214,16 @@ class Discovery:
                 if not mean[best] > threshold:
                     break
                 if self._fits(track, node := int(likely[best])):
-                    self._move(track, node)
+                    self._move(track, node, float(mean[best]))
                     return
         self._add_waypoint(track, candidates, similarity)
 
-    def _candidates(self, frame: Tensor) -> tuple[Tensor, Tensor]:
-        nodes = self.waypoints.shortlist(frame, self.rules.shortlist)
+    def _candidates(self, track: Track, at: int) -> tuple[Tensor, Tensor]:
+        frame, among = track.frames[at], None
+        if self.rules.turn_tolerance is not None:
+            every = torch.arange(len(self.waypoints))
+            among = every[self._looks_alike(track, [at], every)[0]]
+        nodes = self.waypoints.shortlist(frame, self.rules.shortlist, among)
         return nodes, self.waypoints.similarities(frame.unsqueeze(0), nodes)[0]
 
     def _fits(self, track: Track, node: int) -> bool:
@@ -220,11 +236,12 @@ class Discovery:
             return True
         near = torch.tensor(self.graph.nearby(node, 2 * span))
         similarity = self.waypoints.similarities(track.frames[around], near)
+        similarity = similarity * self._looks_alike(track, around, near)
         return float(similarity.amax(1).mean()) > self.rules.surroundings_above
 
-    def _move(self, track: Track, place: int) -> None:
+    def _move(self, track: Track, place: int, similarity: float) -> None:
         by_time = self.rules.edges != "reach"
-        for before in set(track.recent) if place != track.place else ():
+        for before in self._joined_with(track, place, similarity):
             if by_time or self.graph.has_edge(before, place):
                 self.graph.traverse(before, place)
         # Where eq. 12 makes the edges, those of time are the steps alone.
@@ -232,6 +249,20 @@ class Discovery:
         track.recent = [*track.recent, place][-steps:]
         track.places.append(place)
         track.cursor += 1
+
+    def _joined_with(
+        self, track: Track, place: int, similarity: float
+    ) -> Collection[int]:
+        """The waypoints from which the next frame, at ``place``, shows the way."""
+        least, number = self.rules.edge_threshold, track.number + track.cursor
+        if least is None:
+            return set(track.recent) if place != track.place else ()
+        if not similarity > least:
+            return ()
+        before, apart = track.sure, number - track.sure_number
+        track.sure, track.sure_number = place, number
+        joins = before not in (-1, place) and apart <= self.rules.edge_gap
+        return (before,) if joins else ()
 
     def _extends(self, track: Track) -> bool:
         """Whether eq. 12 makes the edges of its new waypoints, not eq. 10."""
@@ -250,26 +281,14 @@ class Discovery:
             # Eq. 12: the observation before says what the new waypoint reaches.
             candidates, similarity = candidates[:0], similarity[:0]
             if at:
-                candidates, similarity = self._candidates(track.frames[at - 1])
+                candidates, similarity = self._candidates(track, at - 1)
         image = None if track.images is None else track.images[at]
         origin = torch.tensor([track.env, track.number + at])
-        place = self.waypoints.add(track.frames[at], image, origin)
+        heading = float(track.headings[at])
+        place = self.waypoints.add(track.frames[at], image, origin, heading)
         self.graph.add_waypoint()
         if self.rules.edges != "time":
             reached = similarity > self.rules.tc_reach
             others, values = candidates[reached].tolist(), similarity[reached].tolist()
             self.graph.link(place, others, values)
-        self._move(track, place)
-
-
-def moving_mean(
-    rows: NDArray[np.float32], begin: int, num: int, window: int
-) -> NDArray[np.float64]:
-    """Mean of rows ``[F, M]`` with those beside them, of ``num`` from ``begin`` on."""
-    sums = np.zeros((len(rows) + 1, rows.shape[1]))
-    np.cumsum(rows, axis=0, dtype=np.float64, out=sums[1:])
-    centre = np.arange(begin, begin + num)
-    low = np.maximum(centre - window, 0)
-    high = np.minimum(centre + window + 1, len(rows))
-    mean: NDArray[np.float64] = (sums[high] - sums[low]) / (high - low)[:, None]
-    return mean
+        self._move(track, place, 1.0)

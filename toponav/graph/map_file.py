@@ -108,13 +108,20 @@ def _graph(
             "views": len(views) > 0,
             "about": dict(about),
         },
-        "nodes": [
-            {"id": number, "environment": env, "observation": observation}
-            for number, (env, observation) in enumerate(state["origins"].tolist())
-        ],
+        "nodes": _nodes(state),
         "edges": [dict(zip(_EDGE, edge, strict=True)) for edge in edges],
     }
     return json.dumps(content, indent=0, allow_nan=False).encode()
+
+
+def _nodes(state: Mapping[str, Any]) -> list[dict[str, float]]:
+    """A node a waypoint; ``heading`` is left out where it is not known."""
+    rows = zip(state["origins"].tolist(), state["headings"].tolist(), strict=True)
+    return [
+        {"id": number, "environment": env, "observation": observation}
+        | ({} if math.isnan(heading) else {"heading": heading})
+        for number, ((env, observation), heading) in enumerate(rows)
+    ]
 
 
 def _read(
@@ -146,6 +153,9 @@ def _read(
     names = [_view_name(at) for at in range(len(nodes))] if graph["views"] else []
     state["images"] = _views([archive.read(name) for name in names], room)
     state["origins"] = _columns(nodes, "environment", "observation")
+    headings = [node.get("heading") for node in nodes]
+    _check(all(one is None or abs(one) < math.inf for one in headings), "no heading")
+    state["headings"] = torch.from_numpy(np.array(headings, np.float32))
     state["edges"] = _columns(edges, *_EDGE[:2])
     ends = {frozenset(pair) for pair in state["edges"].tolist() if len(set(pair)) == 2}
     _check(len(ends) == len(edges), "an edge twice, or from a waypoint to itself")

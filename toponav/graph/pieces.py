@@ -24,6 +24,7 @@ class MapKeys:
     env_id: NestedKey = keys.ENV_ID  # int64 [1], number of the environment
     #: int64 ``[1]``, of the networks that made the embedding; may be missing.
     version: NestedKey = keys.NETWORKS_VERSION
+    action: NestedKey = keys.ACTION  # only read by a map that knows the actions' turns
 
 
 @dataclass
@@ -34,6 +35,8 @@ class Piece:
     embeddings: Tensor  # [T, D]
     images: Tensor | None
     ends: bool  # the next observation does not follow on the last one
+    #: Degrees by which each observation's action turns the agent, ``[T]``, if known.
+    turns: Tensor | None = None
 
 
 def cut_pieces(
@@ -43,16 +46,19 @@ def cut_pieces(
     goal_reward: float | None,
     *,
     whole: bool,
+    turns: Tensor | None = None,
 ) -> list[Piece]:
     """Cut a batch ``[E, T]`` where episodes end or agents are put elsewhere.
 
     Rows that are ``whole`` episodes need no done flag and no number of an environment.
+    ``turns`` are degrees to the left, of each action ``[A]``; actions are then read.
     """
     images, env_id = data.get(names.views, None), data.get(names.env_id, None)
     if env_id is None and not whole:
         raise _missing(f"{names.env_id!r}", data)
     envs = [0] * len(data) if env_id is None else env_id[:, 0].flatten().tolist()
     ends = _ends(data, names, goal_reward, whole)
+    turned = None if turns is None else _turned(data, names, turns)
     pieces = []
     for row, env in enumerate(envs):
         cuts = [0, *(ends[row].nonzero().flatten() + 1).tolist(), data.shape[1]]
@@ -60,7 +66,9 @@ def cut_pieces(
             if start < stop:
                 views = None if images is None else images[row, start:stop].cpu()
                 is_last = bool(ends[row, stop - 1])
-                pieces.append(Piece(env, embeddings[row, start:stop], views, is_last))
+                turn = None if turned is None else turned[row, start:stop]
+                seen = embeddings[row, start:stop]
+                pieces.append(Piece(env, seen, views, is_last, turn))
     return pieces
 
 
@@ -101,6 +109,16 @@ def _ends(
     if whole:
         ends[:, -1] = True
     return ends
+
+
+def _turned(data: TensorDictBase, names: MapKeys, turns: Tensor) -> Tensor:
+    action = data.get(names.action, None)
+    if action is None:
+        raise _missing(f"{names.action!r}", data)
+    if action.ndim > data.ndim:  # one-hot, or a column
+        one_hot = action.shape[-1] == len(turns)
+        action = action.long().argmax(-1) if one_hot else action.squeeze(-1)
+    return turns[action.cpu()]
 
 
 def _missing(wanted: str, data: TensorDictBase) -> ValueError:

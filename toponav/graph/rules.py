@@ -45,6 +45,13 @@ class MapRules:
     #: How many waypoints a search compares and links, those whose prepared embeddings
     #: are nearest; ``None`` for all.
     shortlist: int | None = 32
+    #: Degrees up to which a view and a waypoint may look different ways, by the turns
+    #: that the agent made; ``None`` compares all. It needs a map that knows the turns.
+    turn_tolerance: float | None = None
+    #: Edges by time join waypoints that a view is surely at: its similarity is above
+    #: this, in [0, 1), or it became one; ``None`` takes all that views are mapped to.
+    edge_threshold: float | None = None
+    edge_gap: int = 12  # most decisions from one such view to the next
     #: Of an edge in a direction in which it was never traversed; else the cost is 1.
     untraversed_edge_cost: float = 3.0
     #: Most waypoints; ``None`` for no limit. What is like none of a full map's is
@@ -52,7 +59,9 @@ class MapRules:
     capacity: int | None = None
 
     def __post_init__(self) -> None:
-        _check_range(self, 0, "tc_threshold", "surroundings_above", below=1)
+        similarities = "tc_threshold", "surroundings_above", "edge_threshold"
+        _check_range(self, 0, *similarities, below=1)
+        _check_range(self, 0, "turn_tolerance")
         if not 0 <= self.tc_reach <= self.tc_threshold:
             raise ValueError(
                 f"tc_reach must be in [0, tc_threshold={self.tc_threshold:g}], got "
@@ -60,7 +69,7 @@ class MapRules:
             )
         _check_choices(self, edges=Edges, extend_by=ExtendBy)
         _check_range(self, 0, "window", "search_window", "surroundings")
-        _check_range(self, 1, "edge_steps", "nearby", "shortlist")
+        _check_range(self, 1, "edge_steps", "edge_gap", "nearby", "shortlist")
         _check_range(self, 1, "untraversed_edge_cost", "capacity")
 
     @property

@@ -55,6 +55,8 @@ class TopologicalMap:
         prepare: embeddings ``[N, M, D]`` to memory ``[N, M, P]``; ``None`` keeps them.
         goal_reward: a task reward of at least this much means that the agent was put
             elsewhere, so that no edge joins before and after; ``None`` if it never is.
+        turns: degrees to the left by which each action turns the agent, ``[A]``, for
+            ``turn_tolerance``; by default they are not known.
         views: where the waypoints' views are kept, such as a `ViewFile`; by default in
             memory.
         channels: ``"HWC"``, or ``"CHW"`` for batches and ``embed`` with views ``[...,
@@ -81,12 +83,14 @@ class TopologicalMap:
         *,
         prepare: Embed | None = None,
         goal_reward: float | None = None,
+        turns: Tensor | None = None,
         views: Views | None = None,
         channels: ChannelOrder = "HWC",
     ) -> None:
         self.keys = MapKeys()
         self.channels = check_order(channels)
         self.goal_reward = goal_reward
+        self.turns = turns
         #: The version of the networks that made the embeddings.
         self.network_version = 0
         self.waypoints = Waypoints(self._embedding(embed), compare, prepare, views)
@@ -162,7 +166,10 @@ class TopologicalMap:
         embeddings = read_embeddings(
             data, self.keys, self.waypoints.embed, self.network_version
         )
-        return cut_pieces(data, self.keys, embeddings, self.goal_reward, whole=whole)
+        turns = None if self.rules.turn_tolerance is None else self.turns
+        return cut_pieces(
+            data, self.keys, embeddings, self.goal_reward, whole=whole, turns=turns
+        )
 
     def set_thresholds(self, tc_threshold: float, tc_reach: float) -> None:
         """Change the rules' thresholds."""

@@ -1,5 +1,6 @@
 """`Waypoints`: the views of a map, embedded, and how similar others are to them."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,7 +18,7 @@ _VIEWS, _PAIRS = 64, 8192
 #: What rounding may add to a similarity of 0 or 1.
 _ROUNDING = 1e-3
 #: What is kept of each waypoint, beside its view.
-_ARRAYS = ("embeddings", "prepared", "origins")
+_ARRAYS = ("embeddings", "prepared", "origins", "headings")
 
 
 class Waypoints:
@@ -43,6 +44,9 @@ class Waypoints:
         self.prepared = torch.empty(0)
         #: int64 ``[W, 2]``: environment, and number of its observations before.
         self.origins = torch.empty(0, 2, dtype=torch.int64)
+        #: Degrees, float32 ``[W]``: which way each looks, seen from the first one; NaN
+        #: if not known.
+        self.headings = torch.empty(0)
         self.views: Views = ViewsInMemory() if views is None else views
 
     def __len__(self) -> int:
@@ -53,7 +57,13 @@ class Waypoints:
         """The views, uint8 ``[W, H, W, C]``; empty if none were given."""
         return self.views.read(0, len(self.views))
 
-    def add(self, embedding: Tensor, image: Tensor | None, origin: Tensor) -> int:
+    def add(
+        self,
+        embedding: Tensor,
+        image: Tensor | None,
+        origin: Tensor,
+        heading: float = math.nan,
+    ) -> int:
         """Add a waypoint of embedding ``[D]`` and, for all or for none, a view."""
         number = len(self)
         if number and (image is None) != (not len(self.views)):
@@ -63,6 +73,7 @@ class Waypoints:
         self.embeddings = torch.cat([self.embeddings, row])
         self.prepared = torch.cat([self.prepared, self.entries(row)])
         self.origins = torch.cat([self.origins, origin.unsqueeze(0)])
+        self.headings = torch.cat([self.headings, torch.tensor([heading])])
         if image is not None:
             self.views.append(image)
         return number
@@ -70,7 +81,7 @@ class Waypoints:
     def keep(self, kept: Tensor) -> None:
         """Remove all waypoints but those with numbers ``kept``, int64 ``[W']``."""
         self.embeddings, self.prepared = self.embeddings[kept], self.prepared[kept]
-        self.origins = self.origins[kept]
+        self.origins, self.headings = self.origins[kept], self.headings[kept]
         if len(self.views):
             self.views.keep(kept.tolist())
 
@@ -83,9 +94,13 @@ class Waypoints:
         return self.arrays() | self.views.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Replace all waypoints by those of a `state_dict`."""
+        """Replace all waypoints by those of a `state_dict`.
+
+        States of earlier versions have no headings.
+        """
+        unknown = torch.full((len(state["origins"]),), torch.nan)
         for name in _ARRAYS:
-            setattr(self, name, state[name].clone())
+            setattr(self, name, state.get(name, unknown).clone())
         self.views.load_state_dict(state)
 
     @torch.no_grad()
@@ -135,13 +150,21 @@ class Waypoints:
             return embeddings.new_zeros(len(embeddings), 0)
         return self.compare(embeddings, prepared.expand(len(embeddings), -1, -1))
 
-    def shortlist(self, embedding: Tensor, most: int | None) -> Tensor:
-        """The ``most`` waypoints with entries nearest to that of a view ``[D]``."""
-        if most is None or most >= len(self):
-            return torch.arange(len(self))
+    def shortlist(
+        self, embedding: Tensor, most: int | None, among: Tensor | None = None
+    ) -> Tensor:
+        """The ``most`` waypoints with entries nearest to that of a view ``[D]``.
+
+        They are some of ``among``, int64 ``[A]``, if that is given.
+        """
+        every = torch.arange(len(self)) if among is None else among
+        if most is None or most >= len(every):
+            return every
         entry = self.entries(embedding.unsqueeze(0))
-        distance = (self.prepared - entry).square_().sum(-1)
-        return distance.topk(most, largest=False, sorted=False).indices.sort().values
+        prepared = self.prepared if among is None else self.prepared[among]
+        distance = (prepared - entry).square_().sum(-1)
+        nearest = distance.topk(most, largest=False, sorted=False).indices
+        return every[nearest.sort().values]
 
     def pair_similarities(self, one: Tensor, other: Tensor) -> Tensor:
         """Similarity of waypoints ``one`` to waypoints ``other``, ``[A]`` each."""

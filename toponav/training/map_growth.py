@@ -99,7 +99,8 @@ class MapGrowth(Consumer):
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
         later = ("next", keys.DONE), ("next", keys.REWARD)
-        self.in_keys = [keys.EMBEDDING, keys.NETWORK_PIXELS, *places, *later]
+        turns = () if self.config.turn_tolerance is None else (keys.ACTION,)
+        self.in_keys = [keys.EMBEDDING, keys.NETWORK_PIXELS, *turns, *places, *later]
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Feed a batch ``[E, T]``."""

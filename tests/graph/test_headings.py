@@ -1,0 +1,178 @@
+"""Maps that know which way the agent turned, and edges of what it surely saw."""
+
+import math
+
+import pytest
+import torch
+
+from tests.graph.grey_world import compare, embed, episode
+from toponav.graph import MapRules, TopologicalMap, load_map, save_map
+from toponav.graph.headings import agreed_angle, look_alike
+
+#: Ahead, 90 degrees to the left, 90 to the right.
+TURNS = torch.tensor([0.0, 90.0, -90.0])
+AHEAD, LEFT, RIGHT = 0, 1, 2
+
+
+def make_map(**rules):
+    chosen = {"tc_threshold": 0.9, "tc_reach": 0.75, "edges": "time", "shortlist": None}
+    chosen |= {"window": 0, "search_window": 0, "hysteresis": False, "nearby": None}
+    chosen |= {"turn_tolerance": 30.0} | rules
+    return TopologicalMap(embed, compare, MapRules(**chosen), turns=TURNS)
+
+
+def walk(greys, actions, **more):
+    data = episode(*greys, **more)
+    return data.set("action", torch.tensor(actions))
+
+
+def test_a_view_that_is_not_known_may_look_any_way():
+    known = torch.tensor([0.0, 29.0, 31.0, 331.0, math.nan])
+    found = look_alike(known, torch.tensor(0.0), 30.0)
+    assert found.tolist() == [True, True, False, True, True]
+
+
+def test_an_angle_needs_votes_that_agree():
+    # 18 of 30 are six in ten; of the others only 120 is within 15 degrees of them.
+    others = torch.arange(0, 360, 30).float()
+    votes = torch.cat([torch.full((18,), 105.5), others])
+    assert agreed_angle(votes) == pytest.approx((105.5 * 18 + 120) / 19, abs=0.01)
+    # Without it, with one less, and with two more far away, 17 of 30 agree.
+    fewer = torch.cat([votes[1:][votes[1:] != 120], torch.tensor([200.0, 240.0])])
+    assert agreed_angle(fewer) is None
+    assert agreed_angle(torch.full((23,), 100.0)) is None
+    assert agreed_angle(torch.empty(0)) is None
+
+
+def test_the_same_view_another_way_is_another_waypoint():
+    # Black, then a turn to the left, and black again: a corner of four alike walls.
+    greys, actions = (0, 0, 0, 0, 0), (LEFT, LEFT, LEFT, LEFT, AHEAD)
+    grown = make_map()
+    assert grown.add_episode(walk(greys, actions)).tolist() == [0, 1, 2, 3, 0]
+    assert grown.waypoints.headings.tolist() == [0.0, 90.0, 180.0, 270.0]
+    # Without the turns they are one.
+    plain = make_map(turn_tolerance=None)
+    assert plain.add_episode(walk(greys, actions)).tolist() == [0] * 5
+    assert plain.waypoints.headings.isnan().all()
+
+
+def test_turns_reach_over_batches():
+    grown = make_map()
+    whole = walk((0, 0, 0, 0), (LEFT, AHEAD, RIGHT, AHEAD), env=0)
+    for part in whole.unsqueeze(0).split([1, 2, 1], 1):
+        grown.extend(part)
+    # 0, then 90, 90 after the turn, and 0 again.
+    assert grown.waypoints.headings.tolist() == [0.0, 90.0]
+
+
+def corridor(start, length, **more):
+    """Four shades, one in each direction, seen in turns to the left from ``start``."""
+    ways = torch.arange(start, start + length) % 4
+    greys = (ways * 30).tolist()
+    return walk(greys, [LEFT] * length, **more)
+
+
+def test_a_later_episode_finds_out_which_way_it_looks():
+    grown = make_map()
+    assert grown.add_episode(corridor(0, 8)).tolist() == [0, 1, 2, 3] * 2
+    # It begins with the view of 180 degrees. One frame in six votes: 150 are 25 votes.
+    found = grown.add_episode(corridor(2, 150))
+    assert found.tolist() == ([2, 3, 0, 1] * 38)[:150]
+    assert grown.num_waypoints == 4
+
+
+def test_an_episode_that_does_not_find_out_is_left_out():
+    grown = make_map()
+    grown.add_episode(corridor(0, 8))
+    # 60 frames have ten votes.
+    assert grown.add_episode(corridor(2, 60)).tolist() == [-1] * 60
+    assert grown.num_waypoints == 4
+
+
+def test_what_waits_for_its_direction_is_decided_once_it_has_one():
+    grown = make_map()
+    grown.add_episode(corridor(0, 8))
+    later = corridor(2, 150)
+    later["env_id"] = torch.zeros(150, 1, dtype=torch.int64)
+    before = grown.graph.traversals.sum().item()
+    counts = []
+    for part in later.unsqueeze(0).split(50, 1):
+        assert grown.extend(part) == 0
+        counts.append(grown.graph.traversals.sum().item() - before)
+    # 150 frames are 149 steps from one waypoint to the next.
+    assert counts == [0, 0, 149]
+
+
+def test_maps_keep_their_headings(tmp_path):
+    grown = make_map()
+    grown.add_episode(corridor(0, 8, views=True))
+    other = make_map()
+    save_map(grown.state_dict(), tmp_path / "map.zip")
+    other.load_state_dict(load_map(tmp_path / "map.zip")[0])
+    assert other.waypoints.headings.tolist() == [0.0, 90.0, 180.0, 270.0]
+    state = grown.state_dict()
+    del state["headings"]  # as in earlier checkpoints
+    other.load_state_dict(state)
+    assert other.waypoints.headings.isnan().all()
+    # Then any heading fits.
+    assert other.add_episode(corridor(2, 4)).tolist() == [2, 3, 0, 1]
+
+
+def test_actions_must_be_there():
+    with pytest.raises(ValueError, match="batches must have 'action'"):
+        make_map().add_episode(episode(0, 1))
+
+
+def test_edges_join_what_was_surely_seen():
+    # 0, then 6 (0.94 like 0, not sure), then 20 (a waypoint), then 12 (0.92 like 20 and
+    # 0.88 like 0), 20 itself, and 0.
+    greys = (0, 6, 20, 12, 20, 0)
+    loose = make_map(turn_tolerance=None)
+    assert loose.add_episode(episode(*greys)).tolist() == [0, 0, 1, 1, 1, 0]
+    assert loose.graph.traversals.tolist() == [[1, 1]]
+    sure = make_map(turn_tolerance=None, edge_threshold=0.95, edge_gap=2)
+    assert sure.add_episode(episode(*greys)).tolist() == [0, 0, 1, 1, 1, 0]
+    # From 0 to 20 it took two decisions, from 20 back to 0 one.
+    assert sure.graph.traversals.tolist() == [[1, 1]]
+    near = make_map(turn_tolerance=None, edge_threshold=0.95, edge_gap=1)
+    near.add_episode(episode(*greys))
+    assert near.graph.traversals.tolist() == [[0, 1]]
+
+
+def test_a_view_that_is_not_sure_makes_no_edge():
+    # 0; 20; 26 is at 20 (0.94); 34 is a waypoint (0.86); 28 is at 34 (0.94), and so on
+    # to 8, which is at 0 (0.92): an agent that is nowhere exactly goes nowhere.
+    greys = (0, 20, 26, 34, 28, 8)
+    rules = {"turn_tolerance": None, "edge_threshold": 0.95, "edge_gap": 12}
+    grown = make_map(**rules)
+    assert grown.add_episode(episode(*greys)).tolist() == [0, 1, 1, 2, 2, 0]
+    assert grown.edges.tolist() == [[0, 1], [1, 2]]
+    loose = make_map(turn_tolerance=None)
+    loose.add_episode(episode(*greys))
+    assert loose.edges.tolist() == [[0, 1], [0, 2], [1, 2]]
+
+
+def test_a_merge_keeps_where_the_agent_surely_was():
+    rules = {"turn_tolerance": None, "edge_threshold": 0.95}
+    grown = make_map(**rules)
+    data = episode(0, 20, 40, env=0)
+    data["next", "done"][:] = False
+    grown.extend(data.unsqueeze(0))
+    # 20 becomes part of 0, and 40 gets the number 1.
+    grown.merge(torch.tensor([0, 0, 2]))
+    then = episode(60, env=0)
+    grown.extend(then.unsqueeze(0))
+    assert grown.edges.tolist() == [[0, 1], [1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("rule", "value", "message"),
+    [
+        ("turn_tolerance", -1.0, "turn_tolerance must be at least 0, got -1"),
+        ("edge_threshold", 1.0, r"edge_threshold must be in \[0, 1\), got 1"),
+        ("edge_gap", 0, "edge_gap must be at least 1, got 0"),
+    ],
+)
+def test_rules_out_of_range_are_refused(rule, value, message):
+    with pytest.raises(ValueError, match=message):
+        make_map(**{rule: value})
