@@ -16,6 +16,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -42,10 +43,10 @@ sys.path.append(str(Path(__file__).parent))
 from reward_guards import make_settings
 
 #: The rules that belong together, and what they are in each row of the table.
-TURNS = {"turn_tolerance": 30.0}
-SURE = {"edge_threshold": 0.98}
-LOWER = {"tc_threshold": "0.87", "surroundings_above": 0.6}
-LEVERS: dict[str, dict[str, object]] = {
+TURNS: dict[str, Any] = {"turn_tolerance": 30.0}
+SURE: dict[str, Any] = {"edge_threshold": 0.98}
+LOWER: dict[str, Any] = {"tc_threshold": "0.87", "surroundings_above": 0.6}
+LEVERS: dict[str, dict[str, Any]] = {
     "default": {},
     "turns": TURNS,
     "sure edges": SURE,

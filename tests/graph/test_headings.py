@@ -33,14 +33,13 @@ def test_a_view_that_is_not_known_may_look_any_way():
 
 
 def test_an_angle_needs_votes_that_agree():
-    # 18 of 30 are six in ten; of the others only 120 is within 15 degrees of them.
-    others = torch.arange(0, 360, 30).float()
-    votes = torch.cat([torch.full((18,), 105.5), others])
-    assert agreed_angle(votes) == pytest.approx((105.5 * 18 + 120) / 19, abs=0.01)
-    # Without it, with one less, and with two more far away, 17 of 30 agree.
-    fewer = torch.cat([votes[1:][votes[1:] != 120], torch.tensor([200.0, 240.0])])
-    assert agreed_angle(fewer) is None
-    assert agreed_angle(torch.full((23,), 100.0)) is None
+    # 9 of 20 are enough, 8 of 20 are not; the others are 32 degrees apart or more.
+    others = torch.tensor([0.0, 32, 64, 140, 172, 204, 236, 268, 300, 332, 34])
+    votes = torch.cat([torch.full((9,), 105.0), others])
+    assert agreed_angle(votes) == pytest.approx(105)
+    votes[0] = 66.0
+    assert agreed_angle(votes) is None
+    assert agreed_angle(torch.full((15,), 100.0)) is None
     assert agreed_angle(torch.empty(0)) is None
 
 
@@ -65,57 +64,62 @@ def test_turns_reach_over_batches():
     assert grown.waypoints.headings.tolist() == [0.0, 90.0]
 
 
+#: Shades of a corridor, each of them seen in one direction.
+WAYS = 44
+
+
 def corridor(start, length, **more):
-    """Four shades, one in each direction, seen in turns to the left from ``start``."""
-    ways = torch.arange(start, start + length) % 4
-    greys = (ways * 30).tolist()
-    return walk(greys, [LEFT] * length, **more)
+    """Shades two apart, seen in turns to the left from number ``start`` on."""
+    ways = torch.arange(start, start + length) % WAYS
+    return walk((ways * 2).tolist(), [LEFT] * length, **more)
+
+
+def corridor_map():
+    grown = make_map(tc_threshold=0.985)
+    assert grown.add_episode(corridor(0, WAYS, views=True)).tolist() == [*range(WAYS)]
+    return grown
 
 
 def test_a_later_episode_finds_out_which_way_it_looks():
-    grown = make_map()
-    assert grown.add_episode(corridor(0, 8)).tolist() == [0, 1, 2, 3] * 2
-    # It begins with the view of 180 degrees. One frame in six votes: 150 are 25 votes.
-    found = grown.add_episode(corridor(2, 150))
-    assert found.tolist() == ([2, 3, 0, 1] * 38)[:150]
-    assert grown.num_waypoints == 4
+    grown = corridor_map()
+    # It begins with the view of 90 degrees. One frame in six votes, for every second
+    # waypoint, of 150 22.
+    found = grown.add_episode(corridor(1, 150))
+    assert found.tolist() == [number % WAYS for number in range(1, 151)]
+    assert grown.num_waypoints == WAYS
 
 
 def test_an_episode_that_does_not_find_out_is_left_out():
-    grown = make_map()
-    grown.add_episode(corridor(0, 8))
+    grown = corridor_map()
     # 60 frames have ten votes.
-    assert grown.add_episode(corridor(2, 60)).tolist() == [-1] * 60
-    assert grown.num_waypoints == 4
+    assert grown.add_episode(corridor(1, 60)).tolist() == [-1] * 60
+    assert grown.num_waypoints == WAYS
 
 
 def test_what_waits_for_its_direction_is_decided_once_it_has_one():
-    grown = make_map()
-    grown.add_episode(corridor(0, 8))
-    later = corridor(2, 150)
+    grown = corridor_map()
+    later = corridor(1, 150, views=True)
     later["env_id"] = torch.zeros(150, 1, dtype=torch.int64)
     before = grown.graph.traversals.sum().item()
     counts = []
     for part in later.unsqueeze(0).split(50, 1):
         assert grown.extend(part) == 0
         counts.append(grown.graph.traversals.sum().item() - before)
-    # 150 frames are 149 steps from one waypoint to the next.
-    assert counts == [0, 0, 149]
+    # 50 frames have nine votes, 100 have 17, and are 99 steps.
+    assert counts == [0, 99, 149]
 
 
 def test_maps_keep_their_headings(tmp_path):
-    grown = make_map()
-    grown.add_episode(corridor(0, 8, views=True))
-    other = make_map()
+    grown, other = corridor_map(), make_map(tc_threshold=0.985)
     save_map(grown.state_dict(), tmp_path / "map.zip")
     other.load_state_dict(load_map(tmp_path / "map.zip")[0])
-    assert other.waypoints.headings.tolist() == [0.0, 90.0, 180.0, 270.0]
+    assert other.waypoints.headings.tolist() == [0.0, 90.0, 180.0, 270.0] * 11
     state = grown.state_dict()
     del state["headings"]  # as in earlier checkpoints
     other.load_state_dict(state)
     assert other.waypoints.headings.isnan().all()
     # Then any heading fits.
-    assert other.add_episode(corridor(2, 4)).tolist() == [2, 3, 0, 1]
+    assert other.add_episode(corridor(2, 4)).tolist() == [2, 3, 4, 5]
 
 
 def test_actions_must_be_there():
@@ -176,3 +180,15 @@ def test_a_merge_keeps_where_the_agent_surely_was():
 def test_rules_out_of_range_are_refused(rule, value, message):
     with pytest.raises(ValueError, match=message):
         make_map(**{rule: value})
+
+
+def test_of_episodes_that_begin_together_one_has_the_maps_direction():
+    # Two agents in one corridor, of which the second begins at 90 degrees. It waits
+    # until its views are on the map, and then adds nothing.
+    grown = make_map(tc_threshold=0.985)
+    first, second = corridor(0, 150), corridor(1, 150)
+    for env, one in enumerate((first, second)):
+        one["env_id"] = torch.full((150, 1), env)
+    for part in torch.stack([first, second]).split(50, 1):
+        grown.extend(part)
+    assert grown.waypoints.headings.tolist() == [0.0, 90.0, 180.0, 270.0] * 11

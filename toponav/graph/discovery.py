@@ -25,6 +25,8 @@ _ROUNDING = 1e-5
 # Frames of a track of unknown direction that are compared with the map at most, and one
 # in so many of them at least.
 _COMPARED, _EVERY = 64, 6
+# Similarity of a view that votes for the direction of its episode.
+_ALIKE = 0.95
 
 
 class Discovery:
@@ -115,7 +117,7 @@ class Discovery:
         known = self.waypoints.headings
         if self.rules.turn_tolerance is None or bool(track.headings[:1].isnan().any()):
             track.headings, track.oriented = track.headings * torch.nan, True
-        elif not (len(known) or self._has_direction) or bool(known.isnan().all()):
+        elif bool(known.isnan().all()) and (len(known) or not self._has_direction):
             # The first episode has the map's direction.
             track.orient(0.0)
         elif (offset := agreed_angle(self._votes_for_offset(track))) is not None:
@@ -126,16 +128,17 @@ class Discovery:
         self._has_direction |= track.oriented
 
     def _votes_for_offset(self, track: Track) -> Tensor:
-        """Degrees by which the most similar waypoints' headings are larger, ``[V]``."""
-        votes = []
+        """Degrees by which similar waypoints' headings are larger, one of each."""
+        votes: dict[int, Tensor] = {}
         every = max(len(track.frames) // _COMPARED, _EVERY)
         for at in range(0, len(track.frames), every) if len(self.waypoints) else ():
             nodes = self.waypoints.shortlist(track.frames[at], self.rules.shortlist)
             found = self.waypoints.similarities(track.frames[at : at + 1], nodes)[0]
-            if found.max() > self.rules.tc_threshold:
-                heading = self.waypoints.headings[nodes[found.argmax()]]
-                votes.append(heading - track.headings[at])
-        return torch.stack(votes) if votes else torch.empty(0)
+            if found.max() > _ALIKE:
+                node = int(nodes[found.argmax()])
+                turned = self.waypoints.headings[node] - track.headings[at]
+                votes.setdefault(node, turned)
+        return torch.stack([*votes.values()]) if votes else torch.empty(0)
 
     def _looks_alike(self, track: Track, frames: Any, nodes: Tensor) -> Tensor:
         """Whether frames look the same way as waypoints, bool ``[F, M]``."""
@@ -284,7 +287,7 @@ class Discovery:
                 candidates, similarity = self._candidates(track, at - 1)
         image = None if track.images is None else track.images[at]
         origin = torch.tensor([track.env, track.number + at])
-        heading = float(track.headings[at])
+        heading = float(track.headings[at] % 360)
         place = self.waypoints.add(track.frames[at], image, origin, heading)
         self.graph.add_waypoint()
         if self.rules.edges != "time":

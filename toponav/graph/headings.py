@@ -5,7 +5,7 @@ from torch import Tensor
 
 #: Votes for an angle that are needed, the share of them that must agree, and how far
 #: from each other those may be, in degrees.
-_VOTES, _SHARE, _APART = 24, 0.6, 15.0
+_VOTES, _SHARE, _APART = 16, 0.45, 20.0
 
 
 def look_alike(one: Tensor, other: Tensor, tolerance: float) -> Tensor:
@@ -24,7 +24,7 @@ def look_alike(one: Tensor, other: Tensor, tolerance: float) -> Tensor:
 def agreed_angle(votes: Tensor) -> float | None:
     """The angle in degrees, [-180, 180), that most votes ``[N]`` are for, or ``None``.
 
-    Of 24 votes or more, six in ten must lie within 15 degrees of one of them.
+    Of 16 votes or more, nine in twenty must lie within 20 degrees of one of them.
 
     Examples:
         >>> votes = torch.tensor([181.0, 179.0, 540.0] * 6 + [0.0, 90.0] * 3)

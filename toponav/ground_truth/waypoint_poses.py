@@ -7,7 +7,7 @@ from torch import Tensor
 from toponav.keys import ENV_ID, HEADING, POSITION
 
 #: Observations of earlier batches that may still become waypoints.
-_BACK = 64
+_BACK = 8192
 
 
 class WaypointPoses:
