@@ -54,7 +54,7 @@ LEVERS: dict[str, dict[str, Any]] = {
     "turns, sure edges": TURNS | SURE,
     "turns, lower threshold": TURNS | LOWER,
     "sure edges, lower threshold": SURE | LOWER,
-    "all": TURNS | SURE | LOWER,
+    "all": {**TURNS, **SURE, **LOWER},
 }
 ENVS, ROLLOUT = 8, 120
 MEASURED = (
@@ -142,26 +142,28 @@ def grow(
     config: MapConfig, walks: TensorDictBase, world: World, networks: Networks
 ) -> list[float]:
     """The numbers of one row, from ``views`` on."""
-    grown = make_map(config, networks.tc, networks.thresholds, world=world.spec)
+    topological_map = make_map(
+        config, networks.tc, networks.thresholds, world=world.spec
+    )
     poses, growth, spent = WaypointPoses(), [(0, 0)], 0.0
     for batch in batches(walks):
         poses.remember(batch)
         start = time.process_time()
-        new = grown.extend(batch)
+        new = topological_map.extend(batch)
         spent += time.process_time() - start
-        growth.append((growth[-1][0] + batch.numel(), grown.num_waypoints))
+        growth.append((growth[-1][0] + batch.numel(), topological_map.num_waypoints))
         if new:
-            poses.extend(grown.waypoints.origins)
+            poses.extend(topological_map.waypoints.origins)
     assert world.layout is not None
     mask = torch.as_tensor(world.layout.open_mask)
     distances = GroundTruthDistances(
         mask, cell_size=require_motion(world.spec).cell_size
     )
-    cost = grown.edge_cost.amin(1)
-    quality = vars(map_quality(distances, poses.values, grown.edges, cost))
+    cost = topological_map.edge_cost.amin(1)
+    quality = vars(map_quality(distances, poses.values, topological_map.edges, cost))
     views, cells = growth[-1][0], int(mask.sum())
     shares = waypoint_shares(growth)["last_waypoint_share"]
-    found = [views, grown.num_waypoints / cells, shares]
+    found = [views, topological_map.num_waypoints / cells, shares]
     return [*found, *(quality[name] for name in MEASURED), 1e3 * spent / views]
 
 

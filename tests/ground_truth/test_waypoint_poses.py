@@ -32,9 +32,10 @@ def test_poses_are_found_many_batches_later() -> None:
 
 def test_what_was_not_remembered_is_an_error() -> None:
     poses = WaypointPoses()
-    for start in range(0, 300, 60):
-        poses.remember(batch(start, 60))
-    for number in (10, 300):
+    for start in range(0, 18_000, 6000):
+        poses.remember(batch(start, 6000))
+    # 8192 before the last batch are kept.
+    for number in (3000, 18_000):
         with pytest.raises(KeyError, match=f"observation {number} of environment 0"):
             poses.extend(torch.tensor([[0, number]]))
 

@@ -6,7 +6,8 @@ from torch import Tensor
 
 from toponav.keys import ENV_ID, HEADING, POSITION
 
-#: Observations of earlier batches that may still become waypoints.
+#: Observations of earlier batches that may still become waypoints: where a map knows
+#: headings, an episode waits until it has found its own.
 _BACK = 8192
 
 
