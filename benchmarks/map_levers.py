@@ -57,11 +57,17 @@ LEVERS: dict[str, dict[str, Any]] = {
     "all": {**TURNS, **SURE, **LOWER},
 }
 ENVS, ROLLOUT = 8, 120
-MEASURED = (
+MEASURED: tuple[str, ...] = (
     *("waypoints", "edges", "coverage", "false_edges", "missing_edges", "false_paths"),
     *("components", "true_components", "stretch"),
 )
-COLUMNS = ("lever", "views", "waypoints_per_cell", "last_waypoint_share", *MEASURED)
+COLUMNS: tuple[str, ...] = (
+    "lever",
+    "views",
+    "waypoints_per_cell",
+    "last_waypoint_share",
+    *MEASURED,
+)
 COLUMNS += ("ms_per_view",)
 
 
