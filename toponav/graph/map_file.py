@@ -116,7 +116,9 @@ def _graph(
 
 def _nodes(state: Mapping[str, Any]) -> list[dict[str, float]]:
     """A node a waypoint; ``heading`` is left out where it is not known."""
-    rows = zip(state["origins"].tolist(), state["headings"].tolist(), strict=True)
+    unknown = torch.full((len(state["origins"]),), torch.nan)
+    headings = state.get("headings", unknown)
+    rows = zip(state["origins"].tolist(), headings.tolist(), strict=True)
     return [
         {"id": number, "environment": env, "observation": observation}
         | ({} if math.isnan(heading) else {"heading": heading})
