@@ -55,7 +55,7 @@ def test_gains_are_divided_by_the_mean_of_the_last_ten_medians() -> None:
 
 
 def test_gains_have_a_bound() -> None:
-    dynamics = BayesianDynamics((2,), ACTIONS, step=1e6)
+    dynamics = BayesianDynamics((2,), ACTIONS, step_size=1e6)
     assert set(dynamics.gain(*draw_decisions()).tolist()) == {1000.0}
 
 
@@ -156,5 +156,5 @@ def test_a_method_that_was_saved_continues_exactly() -> None:
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    with pytest.raises(SettingsError, match=r"reward.step must be above 0, got 0"):
-        explore_settings("reward=vime", "reward.step=0")
+    with pytest.raises(SettingsError, match=r"reward.step_size must be above 0, got 0"):
+        explore_settings("reward=vime", "reward.step_size=0")

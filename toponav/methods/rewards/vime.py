@@ -42,7 +42,7 @@ class BayesianDynamics(nn.Module):
         shape: of an observation; uint8 ones are divided by 255.
         num_actions: number A of actions.
         hidden: width of the hidden layer.
-        step: length of the imagined step of the weights.
+        step_size: length of the imagined step of the weights.
         noise_deviation: of an outcome around its prediction; 1 is an observation's own.
         least_deviation: of an element of the observation, so that one that hardly ever
             changes is not blown up.
@@ -67,14 +67,14 @@ class BayesianDynamics(nn.Module):
         num_actions: int,
         *,
         hidden: int = 32,
-        step: float = 0.01,
+        step_size: float = 0.01,
         noise_deviation: float = 5.0,
         least_deviation: float = 1e-6,
     ) -> None:
         super().__init__()
         self.shape = tuple(shape)
         self.num_actions = num_actions
-        self.step = step
+        self.step_size = step_size
         self.least_deviation = least_deviation
         size = torch.Size(shape).numel()
         self.network = BayesianNetwork(
@@ -103,7 +103,7 @@ class BayesianDynamics(nn.Module):
         """Information gain of decisions in nats, ``[*B]``."""
         inputs, outcomes = self.standardise(before, action, after)
         gains = [
-            self.network.information_gain(*piece, self.step)
+            self.network.information_gain(*piece, self.step_size)
             for piece in zip(inputs.split(_CHUNK), outcomes.split(_CHUNK), strict=True)
         ]
         return torch.cat(gains).clamp(0, _MOST_GAIN).reshape(action.shape)
@@ -235,7 +235,7 @@ class VIMEConfig(RewardConfig):
     hidden: int = at_least(1)
     noise_deviation: float = above(0)
     prior_weight: float = at_least(0)
-    step: float = above(0)
+    step_size: float = above(0)
     lr: float = above(0)
     update_rate: float = above(0)
     minibatch: int = at_least(1)
@@ -270,7 +270,7 @@ class VIMEMethod(RewardMethod):
                 world.spec.num_actions,
                 hidden=config.hidden,
                 noise_deviation=config.noise_deviation,
-                step=config.step,
+                step_size=config.step_size,
                 least_deviation=1 / 255,
             )
         self.trainer = DynamicsTrainer(
