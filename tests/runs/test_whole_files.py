@@ -150,6 +150,8 @@ _KNOWN = {
     "toponav/plotting/style.py",
     "toponav/plotting/video.py",
     "toponav/builders/pretraining.py",  # its lock
+    "toponav/runs/locks.py",  # locks
+    "toponav/experiments/making.py",  # what a run prints, as it comes
     "toponav/envs/engines/doom/instances.py",  # an engine's own folder
 }
 

@@ -91,5 +91,9 @@ def _fold(convolution: nn.Conv2d, norm: nn.BatchNorm2d) -> nn.Conv2d:
 
 def _can_pack(weight: Tensor) -> bool:
     """Whether torch has oneDNN, for the device and the dtype of a weight."""
-    fits = weight.dtype in (torch.float32, torch.bfloat16) and weight.is_cpu
-    return fits and torch.backends.mkldnn.is_available()
+    if not weight.is_cpu or not torch.backends.mkldnn.is_available():
+        return False
+    if weight.dtype == torch.bfloat16:
+        # Processors without AVX-512 cannot, and torch raises an error there.
+        return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+    return weight.dtype == torch.float32

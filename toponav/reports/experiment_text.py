@@ -38,7 +38,6 @@ def experiment_csv(table: pd.DataFrame) -> str:
                 columns[f"{name}{end}"] = [getattr(one, of, math.nan) for one in column]
         else:
             columns[name] = column
-    text: str = pd.DataFrame(columns).to_csv(
-        index=False, float_format="%.6g", lineterminator="\n"
-    )
+    frame = pd.DataFrame(columns)
+    text: str = frame.to_csv(index=False, float_format="%.6g", lineterminator="\n")
     return text
