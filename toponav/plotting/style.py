@@ -53,7 +53,8 @@ def finish(
 ) -> None:
     """Finish a panel: its title, labels ``x`` and ``y``, a light grid, no box.
 
-    What it shows is named where ``legend`` says, under ``note``; not with ``None``.
+    What it shows is named where ``legend`` says, under ``note``; not with ``None``, and
+    with ``"below"`` in two columns below it, where it hides nothing.
     """
     if title:
         add_heading(axes, title)
@@ -64,7 +65,10 @@ def finish(
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
     if legend and axes.get_legend_handles_labels()[0]:
-        axes.legend(title=note, loc=legend, **LEGEND)
+        place: dict[str, Any] = {"loc": legend}
+        if legend == "below":
+            place = {"loc": "upper left", "bbox_to_anchor": (0, -0.14), "ncols": 2}
+        axes.legend(title=note, **place, **LEGEND)
     elif legend:
         look: dict[str, Any] = {"size": TEXT, "color": GREY, **CENTRED}
         axes.text(0.5, 0.5, "nothing to show", transform=axes.transAxes, **look)

@@ -67,7 +67,7 @@ def draw_learning_curves(
         axes.set_ylim(0, 102)
         style.show_thousands(axes)
         labels = {"x": "decisions of the training", "y": label, "note": _BAND}
-        style.finish(axes, title=heading, legend="lower right", **labels)
+        style.finish(axes, title=heading, legend="below", **labels)
     return figure
 
 
