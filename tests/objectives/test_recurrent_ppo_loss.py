@@ -123,6 +123,16 @@ def test_the_network_stays_the_caller_s_own() -> None:
     assert loss(batch)["loss_critic"] != before
 
 
+def test_weights_that_exploded_are_named() -> None:
+    # Seen with lr=1e30: TorchRL samples from such a policy, which torch refuses.
+    network, batch = collected_slice()
+    loss = RecurrentPPOLoss(network)
+    loss.estimate_advantage(batch)
+    torch.nn.init.constant_(next(network.lstm.parameters()), torch.nan)
+    with pytest.raises(FloatingPointError, match="hidden state must be finite"):
+        loss(batch)
+
+
 def test_keys_can_be_set() -> None:
     network, batch = collected_slice()
     loss = RecurrentPPOLoss(network)

@@ -41,6 +41,9 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         clip_epsilon: bound on the change of an action's probability.
         entropy_coeff, critic_coeff: weights that can be assigned while training.
 
+    Raises:
+        FloatingPointError: in `forward`, if the LSTM's outputs are not finite.
+
     Examples:
         >>> from toponav.modules import ActorCritic
         >>> network = ActorCritic(num_actions=4, input="embedding", embedding_dim=8)
@@ -116,7 +119,12 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         action = read_entry(tensordict, keys.action, "action")
         num_actions = self.actor_critic.num_actions
         decisions.set(keys.action, action_numbers(action, num_actions, decisions.shape))
-        decisions.set(_OUTPUT, self.actor_critic.unroll_lstm(tensordict))
+        output = self.actor_critic.unroll_lstm(tensordict)
+        if not output.isfinite().all():
+            # TorchRL would sample from such a policy, which is an error of torch.
+            rule = "the policy's hidden state must be finite"
+            raise FloatingPointError(f"{rule}, got NaN or infinity")
+        decisions.set(_OUTPUT, output)
         # Flat, because its statistics for the log are taken over the first dimension.
         return super().forward(decisions.reshape(-1))
 

@@ -1,5 +1,6 @@
 """`ActorCriticLearner`: what PPO and A3C have in common."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -140,7 +141,11 @@ class ActorCriticLearner(Learner):
         self.updates += 1
 
     def _step(self, batch: TensorDictBase) -> dict[str, float]:
-        losses = self.loss(batch)
+        try:
+            losses = self.loss(batch)
+        except FloatingPointError:
+            self.check({"hidden_state": math.nan}, self.updates)
+            raise
         total: Tensor = sum(losses[name] for name in _LOSSES)
         measured = {name: float(losses[name].detach()) for name in _LOGGED}
         self.descend(total, measured)
