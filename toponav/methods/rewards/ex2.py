@@ -7,13 +7,14 @@ import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
-from torchrl.data import Composite, LazyTensorStorage, TensorDictReplayBuffer, Unbounded
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs.transforms import Transform
 from torchrl.modules import MLP
 
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
 from toponav.keys import INTRINSIC_REWARD, SMALL_PIXELS
+from toponav.methods.rewards.bonus_reward import BonusReward
 from toponav.transforms import PolicyPixels
 
 #: Where the networks are published.
@@ -209,7 +210,7 @@ class ExemplarTrainer:
         return float(loss.detach()), float(probability)
 
 
-class ExemplarReward(Transform):
+class ExemplarReward(BonusReward):
     """Pays ``eta`` times the bonus of the observation that each decision leads to.
 
     ``key`` is that of the observation.
@@ -231,10 +232,6 @@ class ExemplarReward(Transform):
     ) -> TensorDictBase:
         bonus = self.exemplars(next_tensordict.get(self.in_keys[0]))
         return next_tensordict.set(INTRINSIC_REWARD, self.eta * bonus.unsqueeze(-1))
-
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        spec = Unbounded((*reward_spec.shape, 1), reward_spec.device, torch.float32)
-        return reward_spec.set(INTRINSIC_REWARD, spec)
 
 
 @dataclass

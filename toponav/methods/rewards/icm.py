@@ -16,6 +16,7 @@ from torchrl.envs.transforms import Transform
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
 from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD, PIXELS
+from toponav.methods.rewards.bonus_reward import BonusReward
 from toponav.methods.rewards.rnd import LUMA
 from toponav.transforms import PolicyPixels
 
@@ -167,7 +168,7 @@ def _two_layers(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class CuriosityReward(Transform):
+class CuriosityReward(BonusReward):
     """Pays ``eta`` times the forward model's error of each decision.
 
     Put it after a `GreyStack`.
@@ -189,10 +190,6 @@ class CuriosityReward(Transform):
         before, action = tensordict.get(FRAME_STACK), tensordict.get(ACTION)
         _, error = self.icm(before, action, next_tensordict.get(FRAME_STACK))
         return next_tensordict.set(INTRINSIC_REWARD, self.eta * error.unsqueeze(-1))
-
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        spec = Unbounded((*reward_spec.shape, 1), reward_spec.device, torch.float32)
-        return reward_spec.set(INTRINSIC_REWARD, spec)
 
 
 @dataclass

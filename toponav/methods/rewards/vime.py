@@ -7,12 +7,13 @@ import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
-from torchrl.data import Composite, LazyTensorStorage, TensorDictReplayBuffer, Unbounded
+from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs.transforms import Transform
 
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least
 from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD
+from toponav.methods.rewards.bonus_reward import BonusReward
 from toponav.methods.rewards.icm import GreyStack
 from toponav.modules import BayesianNetwork
 
@@ -200,7 +201,7 @@ class DynamicsTrainer:
         return float((predictions.detach().mean(0) - outcomes).square().mean())
 
 
-class InformationGainReward(Transform):
+class InformationGainReward(BonusReward):
     """Pays ``eta`` times the relative information gain of each decision.
 
     ``key`` is that of the observation.
@@ -220,10 +221,6 @@ class InformationGainReward(Transform):
         following = next_tensordict.get(self.in_keys[0])
         gain = self.dynamics(observation, action, following)
         return next_tensordict.set(INTRINSIC_REWARD, self.eta * gain.unsqueeze(-1))
-
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        spec = Unbounded((*reward_spec.shape, 1), reward_spec.device, torch.float32)
-        return reward_spec.set(INTRINSIC_REWARD, spec)
 
 
 @dataclass
@@ -281,7 +278,6 @@ class VIMEMethod(RewardMethod):
             capacity=config.capacity,
             prior_weight=config.prior_weight,
         )
-
         self.optimizer, self.kept = self.trainer.optimizer, self.trainer.kept
 
     def modules(self) -> dict[str, nn.Module]:
