@@ -12,6 +12,7 @@ from toponav.builders.collection import (
     make_walk_policy as make_walk_policy,
 )
 from toponav.builders.maps import (
+    action_effects as action_effects,
     make_map as make_map,
     map_thresholds as map_thresholds,
     threshold_of as threshold_of,

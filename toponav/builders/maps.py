@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from toponav.config import MapConfig, require
-from toponav.graph import MapRules, TopologicalMap, Views
+from toponav.graph import MapRules, TopologicalMap, Views, Walks
 from toponav.modules import TCNetwork
 from toponav.worlds import WorldSpec
 
@@ -19,10 +19,12 @@ def make_map(
     *,
     world: WorldSpec,
     views: Views | None = None,
+    keep_walks: bool = False,
 ) -> TopologicalMap:
     """An empty map of a world; ``tc`` embeds and compares, in ``eval()`` mode.
 
-    ``views`` say where the waypoints' views are kept, in memory by default.
+    ``views`` say where the waypoints' views are kept, in memory by default, and
+    ``keep_walks`` whether all that the map is fed is kept, to `consolidate` it.
     Raises `SettingsError` if a threshold was not calibrated or does not fit the other.
     """
     threshold, reach = map_thresholds(config, thresholds)
@@ -30,11 +32,27 @@ def make_map(
     settings = {name: value for name, value in vars(config).items() if name in names}
     settings |= {"tc_threshold": threshold, "tc_reach": reach}
     rules = MapRules(**settings)
-    turns = None
-    if world.motion is not None:
-        turns = torch.tensor([effect.turn for effect in world.motion.effects])
-    reward = world.goal_reward
-    return empty_map(tc, rules, goal_reward=reward, turns=turns, views=views)
+    effects = action_effects(world)
+    return empty_map(
+        tc,
+        rules,
+        goal_reward=world.goal_reward,
+        turns=None if effects is None else effects[:, 2],
+        views=views,
+        walks=Walks() if keep_walks else None,
+    )
+
+
+def action_effects(world: WorldSpec) -> Tensor | None:
+    """What each action does in free space, float32 ``[A, 3]``, if it is known.
+
+    Steps ahead and to the left, 1 for the fastest action, and degrees to the left.
+    """
+    if world.motion is None:
+        return None
+    effects = torch.tensor(world.motion.effects)
+    effects[:, :2] /= world.motion.step
+    return effects
 
 
 def map_thresholds(
@@ -81,6 +99,7 @@ def empty_map(
     goal_reward: float | None = None,
     turns: Tensor | None = None,
     views: Views | None = None,
+    walks: Walks | None = None,
 ) -> TopologicalMap:
     """A map by a TC-network on any device and in any precision."""
 
@@ -104,4 +123,5 @@ def empty_map(
         goal_reward=goal_reward,
         turns=turns,
         views=views,
+        walks=walks,
     )

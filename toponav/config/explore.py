@@ -108,6 +108,9 @@ class MapConfig(Settings):
     untraversed_edge_cost: float = at_least(1)
     capacity: int | None = at_least(1)
     sparsify: float | None = between(0, 1)
+    poses: bool = MISSING
+    poses_within: float = at_least(1)
+    poses_above: float = between(0, 0.999)
 
 
 @dataclass

@@ -9,6 +9,7 @@ from toponav.graph.calibration import (
     calibrate_share as calibrate_share,
     share_curve as share_curve,
 )
+from toponav.graph.consolidation import consolidate as consolidate
 from toponav.graph.map_file import (
     MapFileError as MapFileError,
     load_map as load_map,
@@ -23,6 +24,7 @@ from toponav.graph.navigation import (
     Planner as Planner,
 )
 from toponav.graph.pieces import MapKeys as MapKeys
+from toponav.graph.poses import PoseRules as PoseRules
 from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
 from toponav.graph.topological_map import (
     TopologicalMap as TopologicalMap,
@@ -33,4 +35,5 @@ from toponav.graph.views import (
     Views as Views,
     decode_view as decode_view,
 )
+from toponav.graph.walks import Walks as Walks
 from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph

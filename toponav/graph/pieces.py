@@ -24,7 +24,8 @@ class MapKeys:
     env_id: NestedKey = keys.ENV_ID  # int64 [1], number of the environment
     #: int64 ``[1]``, of the networks that made the embedding; may be missing.
     version: NestedKey = keys.NETWORKS_VERSION
-    action: NestedKey = keys.ACTION  # only read by a map that knows the actions' turns
+    #: Only read by a map that knows the actions' turns or keeps walks.
+    action: NestedKey = keys.ACTION
 
 
 @dataclass
@@ -37,6 +38,7 @@ class Piece:
     ends: bool  # the next observation does not follow on the last one
     #: Degrees by which each observation's action turns the agent, ``[T]``, if known.
     turns: Tensor | None = None
+    actions: Tensor | None = None  # int64 [T], if they are read
 
 
 def cut_pieces(
@@ -47,18 +49,21 @@ def cut_pieces(
     *,
     whole: bool,
     turns: Tensor | None = None,
+    with_actions: bool = False,
 ) -> list[Piece]:
     """Cut a batch ``[E, T]`` where episodes end or agents are put elsewhere.
 
     Rows that are ``whole`` episodes need no done flag and no number of an environment.
-    ``turns`` are degrees to the left, of each action ``[A]``; actions are then read.
+    ``turns`` are degrees to the left, of each action ``[A]``; actions are then read,
+    as they are ``with_actions``.
     """
     images, env_id = data.get(names.views, None), data.get(names.env_id, None)
     if env_id is None and not whole:
         raise _missing(f"{names.env_id!r}", data)
     envs = [0] * len(data) if env_id is None else env_id[:, 0].flatten().tolist()
     ends = _ends(data, names, goal_reward, whole)
-    turned = None if turns is None else _turned(data, names, turns)
+    has_actions = with_actions or turns is not None
+    actions = _actions(data, names, turns) if has_actions else None
     pieces = []
     for row, env in enumerate(envs):
         cuts = [0, *(ends[row].nonzero().flatten() + 1).tolist(), data.shape[1]]
@@ -66,9 +71,10 @@ def cut_pieces(
             if start < stop:
                 views = None if images is None else images[row, start:stop].cpu()
                 is_last = bool(ends[row, stop - 1])
-                turn = None if turned is None else turned[row, start:stop]
+                done = None if actions is None else actions[row, start:stop]
+                turn = None if turns is None or done is None else turns[done]
                 seen = embeddings[row, start:stop]
-                pieces.append(Piece(env, seen, views, is_last, turn))
+                pieces.append(Piece(env, seen, views, is_last, turn, done))
     return pieces
 
 
@@ -111,14 +117,18 @@ def _ends(
     return ends
 
 
-def _turned(data: TensorDictBase, names: MapKeys, turns: Tensor) -> Tensor:
+def _actions(data: TensorDictBase, names: MapKeys, turns: Tensor | None) -> Tensor:
+    """Numbers of the actions, int64 ``[E, T]``."""
     action = data.get(names.action, None)
     if action is None:
         raise _missing(f"{names.action!r}", data)
     if action.ndim > data.ndim:  # one-hot, or a column
-        one_hot = action.shape[-1] == len(turns)
+        one_hot = action.shape[-1] > 1 and (
+            turns is None or action.shape[-1] == len(turns)
+        )
         action = action.long().argmax(-1) if one_hot else action.squeeze(-1)
-    return turns[action.cpu()]
+    found: Tensor = action.cpu()
+    return found
 
 
 def _missing(wanted: str, data: TensorDictBase) -> ValueError:

@@ -12,6 +12,7 @@ from toponav.graph.discovery import Discovery
 from toponav.graph.pieces import MapKeys, Piece, cut_pieces, read_embeddings
 from toponav.graph.rules import MapRules
 from toponav.graph.views import Views
+from toponav.graph.walks import Walks
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Compare, Embed, Waypoints
 from toponav.views import (
@@ -59,6 +60,8 @@ class TopologicalMap:
             ``turn_tolerance``; by default they are not known.
         views: where the waypoints' views are kept, such as a `ViewFile`; by default in
             memory.
+        walks: keeps all that the map is fed, actions too, for `consolidate`; by default
+            nothing is kept.
         channels: ``"HWC"``, or ``"CHW"`` for batches and ``embed`` with views ``[...,
             C, H, W]``; the map keeps them with channels last.
 
@@ -85,12 +88,14 @@ class TopologicalMap:
         goal_reward: float | None = None,
         turns: Tensor | None = None,
         views: Views | None = None,
+        walks: Walks | None = None,
         channels: ChannelOrder = "HWC",
     ) -> None:
         self.keys = MapKeys()
         self.channels = check_order(channels)
         self.goal_reward = goal_reward
         self.turns = turns
+        self.walks = walks
         #: The version of the networks that made the embeddings.
         self.network_version = 0
         self.waypoints = Waypoints(self._embedding(embed), compare, prepare, views)
@@ -167,9 +172,18 @@ class TopologicalMap:
             data, self.keys, self.waypoints.embed, self.network_version
         )
         turns = None if self.rules.turn_tolerance is None else self.turns
-        return cut_pieces(
-            data, self.keys, embeddings, self.goal_reward, whole=whole, turns=turns
+        pieces = cut_pieces(
+            data,
+            self.keys,
+            embeddings,
+            self.goal_reward,
+            whole=whole,
+            turns=turns,
+            with_actions=self.walks is not None,
         )
+        if self.walks is not None:
+            self.walks.extend(pieces)
+        return pieces
 
     def set_thresholds(self, tc_threshold: float, tc_reach: float) -> None:
         """Change the rules' thresholds."""
@@ -206,6 +220,20 @@ class TopologicalMap:
         self.discovery.renumber(number)
         return number
 
+    def rebuild(
+        self, kept: Tensor, moves: Mapping[tuple[int, int], int], headings: Tensor
+    ) -> None:
+        """Keep some waypoints, and edges alone where there were ``moves``.
+
+        ``kept``, int64 ``[W']``, are numbers of waypoints. ``moves`` have how often
+        agents went from one of them to another, by their new numbers, and ``headings``
+        ``[W']`` which way they look. Unfinished episodes are dropped.
+        """
+        self.waypoints.keep(kept)
+        self.waypoints.headings = headings
+        self.graph.rebuild(len(kept), moves)
+        self.discovery.clear()
+
     def state_dict(self, *, views: bool = True) -> dict[str, Any]:
         """Everything but the networks and the episodes that are not finished.
 
@@ -219,6 +247,17 @@ class TopologicalMap:
             "tc_threshold": self.rules.tc_threshold,
             "tc_reach": self.rules.tc_reach,
         }
+
+    def running_episodes(self) -> dict[str, Any]:
+        """Those that are not finished, which `state_dict` leaves out."""
+        walks = {} if self.walks is None else {"walks": self.walks.running_episodes()}
+        return self.discovery.running_episodes() | walks
+
+    def resume_episodes(self, state: Mapping[str, Any]) -> None:
+        """Continue those of `running_episodes`, after `load_state_dict`."""
+        self.discovery.resume_episodes(state)
+        if self.walks is not None:
+            self.walks.resume_episodes(state["walks"])
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Become the map of `state_dict`; unfinished episodes are dropped."""

@@ -143,6 +143,16 @@ class WaypointGraph:
             known = filter(math.isfinite, (evidence["similarity"], found["similarity"]))
             evidence["similarity"] = max(known, default=math.nan)
 
+    def rebuild(self, num_waypoints: int, moves: Mapping[tuple[int, int], int]) -> None:
+        """Reset to ``num_waypoints`` waypoints with edges where there were ``moves``.
+
+        ``moves`` have the traversals from one waypoint to another.
+        """
+        self._clear(num_waypoints)
+        for (one, other), count in moves.items():
+            self._evidence(one, other)["traversals"][int(one > other)] += count
+        self._change()
+
     def _clear(self, num_waypoints: int) -> None:
         """Reset to ``num_waypoints`` waypoints without edges."""
         self._graph = nx.empty_graph(num_waypoints)

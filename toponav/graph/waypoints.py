@@ -129,6 +129,10 @@ class Waypoints:
             return embeddings
         return self._prepare(embeddings.unsqueeze(0)).squeeze(0).float()
 
+    def entries_of(self, embeddings: Tensor) -> Tensor:
+        """`entries` in calls of bounded size."""
+        return torch.cat([self.entries(some) for some in embeddings.split(_PAIRS)])
+
     @torch.no_grad()
     def compare(self, embeddings: Tensor, prepared: Tensor) -> Tensor:
         """Compare ``[N, D]`` with ``[N, M, P]`` in calls of bounded size."""

@@ -55,3 +55,7 @@ class WaypointPoses:
         first = torch.full((int(numbers.max()) + 1,), len(numbers))
         first.scatter_reduce_(0, numbers, torch.arange(len(numbers)), "amin")
         self.values = self.values[first]
+
+    def keep(self, kept: Tensor) -> None:
+        """Forget all but those of the waypoints ``kept``, int64 ``[W']``."""
+        self.values = self.values[kept]

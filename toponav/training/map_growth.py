@@ -24,6 +24,7 @@ from toponav.builders import (
     Networks,
     Novelty,
     World,
+    action_effects,
     for_inference,
     make_map,
     map_thresholds,
@@ -31,8 +32,10 @@ from toponav.builders import (
 )
 from toponav.config import ExploreConfig
 from toponav.graph import (
+    PoseRules,
     TopologicalMap,
     ViewFile,
+    consolidate,
     decode_view,
     save_map,
     sparsify,
@@ -62,7 +65,8 @@ class MapGrowth(Consumer):
     ``folder``, without one in memory.
     """
 
-    saved = ("map", "truth", "rows", "decisions", "growth", "pretraining_decisions")
+    saved = ("map", "walks", "truth", "rows", "decisions", "growth")
+    saved += ("pretraining_decisions",)
 
     def __init__(
         self,
@@ -74,6 +78,11 @@ class MapGrowth(Consumer):
         self.config = settings.map
         self.trains_online = settings.online.learn
         self.name = world.name
+        #: What actions do in free space, where poses are to be found by it.
+        self.effects = None
+        if self.config.poses and not self.trains_online:
+            self.effects = action_effects(world.spec)
+        self.seed = settings.seed
         self.networks = networks
         #: That the networks had learned from before, for the log; NaN if not known.
         self.pretraining_decisions = pretraining_decisions(settings)
@@ -85,7 +94,9 @@ class MapGrowth(Consumer):
             networks.thresholds,
             world=world.spec,
             views=None if folder is None else ViewFile(folder / VIEWS_FILE),
+            keep_walks=self.effects is not None,
         )
+        self.walks = self.map.walks
         self._thread = ThreadPoolExecutor(1, "map")
         #: The writing of the files, and whether a newer map waits for it.
         self._writing: Future[None] | None = None
@@ -99,8 +110,9 @@ class MapGrowth(Consumer):
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
         later = ("next", keys.DONE), ("next", keys.REWARD)
-        turns = () if self.config.turn_tolerance is None else (keys.ACTION,)
-        self.in_keys = [keys.EMBEDDING, keys.NETWORK_PIXELS, *turns, *places, *later]
+        turns = self.config.turn_tolerance is not None or self.effects is not None
+        done = (keys.ACTION,) if turns else ()
+        self.in_keys = [keys.EMBEDDING, keys.NETWORK_PIXELS, *done, *places, *later]
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Feed a batch ``[E, T]``."""
@@ -131,23 +143,44 @@ class MapGrowth(Consumer):
         self.map.refresh(version)
 
     def finish(self, folder: Path) -> None:
-        """Embed by the last networks, and sparsify if the settings want it."""
+        """Embed by the last networks, and make the map smaller as the settings say."""
         tolerance = self.config.sparsify
         self._wait()
+        before = self.map.num_waypoints, len(self.map.edges)
         if self.trains_online:
             self._embed(self.map.network_version + 1)
+        if self.effects is not None:
+            self._consolidate()
         if tolerance is not None:
-            before = self.map.num_waypoints, len(self.map.edges)
             numbers = sparsify(self.map, tolerance=tolerance)
             if self.truth is not None:
                 self.truth.poses.merge(numbers)
+        now = self.map.num_waypoints, len(self.map.edges)
+        if now != before:
             tqdm.write(
                 f"map: {before[0]:,} waypoints and {before[1]:,} edges became "
-                f"{self.map.num_waypoints:,} and {len(self.map.edges):,}"
+                f"{now[0]:,} and {now[1]:,}"
             )
-        if self.trains_online or tolerance is not None or self._is_behind:
+        if self.trains_online or now != before or self._is_behind:
             self.write(folder)
         self._wait()
+
+    def _consolidate(self) -> None:
+        """Make the map again of few waypoints, by the poses of all its views."""
+        assert self.effects is not None
+        kept = consolidate(
+            self.map,
+            self.effects,
+            PoseRules(seed=self.seed),
+            within=self.config.poses_within,
+            above=self.config.poses_above,
+        )
+        # Of the waypoints after each batch, so many stayed.
+        views, before = zip(*self.growth, strict=True)
+        after = torch.searchsorted(kept, torch.tensor(before)).tolist()
+        self.growth = list(zip(views, after, strict=True))
+        if self.truth is not None:
+            self.truth.poses.keep(kept)
 
     def _wait(self) -> None:
         """Wait until all is written, and raise what went wrong with it."""
@@ -215,10 +248,10 @@ class MapGrowth(Consumer):
 
     def running_episodes(self) -> dict[str, Any]:
         poses = {} if self.truth is None else self.truth.poses.last
-        return {"map": self.map.discovery.running_episodes(), "poses": poses}
+        return {"map": self.map.running_episodes(), "poses": poses}
 
     def resume_episodes(self, state: Mapping[str, Any]) -> None:
-        self.map.discovery.resume_episodes(state["map"])
+        self.map.resume_episodes(state["map"])
         if self.truth is not None:
             self.truth.poses.last = state["poses"]
 

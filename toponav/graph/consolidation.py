@@ -1,0 +1,121 @@
+"""`consolidate`: a map of few waypoints, by the poses of its views."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from toponav.graph.poses import (
+    PoseRules,
+    choose_waypoints,
+    count_moves,
+    estimate_poses,
+    nearest_waypoints,
+)
+from toponav.graph.topological_map import TopologicalMap
+from toponav.graph.walks import Walk
+
+#: Pairs of a view and a waypoint that are compared in one call.
+_PAIRS = 4096
+#: A view may be a little further from its waypoint than waypoints are from each other.
+_MARGIN = 1.0
+
+
+@torch.no_grad()
+def consolidate(
+    topological_map: TopologicalMap,
+    effects: Tensor,
+    rules: PoseRules,
+    *,
+    within: float,
+    above: float,
+) -> Tensor:
+    """Make a map again of few of its waypoints, and of the moves between them.
+
+    The poses of all views that the map was fed, its ``walks``, are estimated; those of
+    its waypoints choose which of them stay (`choose_waypoints`), each view belongs to
+    the nearest that it is like, and an edge joins two waypoints if a walk went from one
+    to the other. Returns the numbers of those that stay, int64 ``[W']``. Where no poses
+    are found, nothing changes.
+
+    Args:
+        topological_map: one with walks; what was in progress is dropped.
+        effects: of the actions in free space, float32 ``[A, 3]``: steps ahead and to
+            the left (1 for the fastest action) and degrees to the left.
+        rules: how the poses are found.
+        within: decisions, in free space, up to which a waypoint stands for a view.
+        above: similarity that it must have to it as well.
+    """
+    waypoints, walks = topological_map.waypoints, _known(topological_map)
+    every = torch.arange(len(waypoints))
+    if len(walks) == 0 or not len(waypoints):
+        return every
+    poses = estimate_poses(
+        walks, effects, waypoints.compare, waypoints.entries_of, rules
+    )
+    views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1).double().numpy()
+    places = views[rows := _rows_of_waypoints(topological_map, walks)]
+    places[rows < 0] = np.nan
+    turn = float(effects[:, 2].abs().max())
+    limits = {"above": above, "turn": turn}
+
+    def alike(one: Tensor, entries: Tensor) -> NDArray[np.float64]:
+        parts = zip(one.split(_PAIRS), entries.split(_PAIRS), strict=True)
+        found = [waypoints.compare(some, to.unsqueeze(1)) for some, to in parts]
+        return torch.cat(found).squeeze(1).double().numpy()
+
+    kept = choose_waypoints(
+        places,
+        lambda one, other: alike(waypoints.embeddings[one], waypoints.prepared[other]),
+        within=within,
+        **limits,
+    )
+    if len(kept) < 2:
+        return every
+    embeddings = torch.cat([walk.embeddings for walk in walks])
+    chosen = waypoints.prepared[kept]
+    near = nearest_waypoints(
+        views,
+        places[kept],
+        lambda one, other: alike(embeddings[one].float(), chosen[other]),
+        within=within + _MARGIN,
+        **limits,
+    )
+    ends = np.cumsum([len(walk.actions) for walk in walks])[:-1]
+    moves = count_moves(np.split(near, ends))
+    headings = torch.from_numpy(places[kept, 2] % 360).float()
+    topological_map.rebuild(torch.from_numpy(kept), moves, headings)
+    return torch.from_numpy(kept)
+
+
+def _known(topological_map: TopologicalMap) -> list[Walk]:
+    walks = topological_map.walks
+    return [] if walks is None else [walk for walk in walks.all() if len(walk.actions)]
+
+
+def _rows_of_waypoints(
+    topological_map: TopologicalMap, walks: Sequence[Walk]
+) -> NDArray[np.int64]:
+    """The view of each waypoint among those of all walks, -1 if it is not there.
+
+    Numbers of observations begin again when a run resumes: embeddings must agree, too.
+    """
+    starts = np.cumsum([0, *(len(walk.actions) for walk in walks)])
+    of_env = defaultdict[int, list[tuple[int, Walk]]](list)
+    for start, walk in zip(starts.tolist(), walks, strict=False):
+        of_env[walk.env].append((start, walk))
+    found = []
+    waypoints = topological_map.waypoints
+    embeddings = waypoints.embeddings.half()
+    for number, (env, at) in enumerate(waypoints.origins.tolist()):
+        row = -1
+        for start, walk in of_env[env]:
+            if 0 <= at - walk.number < len(walk.actions) and torch.equal(
+                walk.embeddings[at - walk.number], embeddings[number]
+            ):
+                row = start + at - walk.number
+        found.append(row)
+    return np.array(found, np.int64)

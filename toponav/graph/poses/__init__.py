@@ -1,0 +1,13 @@
+"""Where a map's views were taken, found from the agent's own actions and views."""
+
+from toponav.graph.poses.cover import (
+    choose_waypoints as choose_waypoints,
+    count_moves as count_moves,
+    decisions_apart as decisions_apart,
+    nearest_waypoints as nearest_waypoints,
+)
+from toponav.graph.poses.pose_graph import (
+    PoseRules as PoseRules,
+    Poses as Poses,
+    estimate_poses as estimate_poses,
+)

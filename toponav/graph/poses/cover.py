@@ -1,0 +1,115 @@
+"""Few waypoints that stand for all views, and the moves between them."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+#: Similarities ``[P]`` of P views to P waypoints, by the numbers of both.
+Alike = Callable[[Numbers, Numbers], Floats]
+
+#: Views whose distances to all waypoints are computed in one call.
+_CHUNK = 2048
+
+
+def decisions_apart(one: Floats, other: Floats, turn: float) -> Floats:
+    """Least decisions between poses in free space: steps plus turns; they broadcast.
+
+    Poses ``[..., 3]`` are positions in steps and headings in degrees; ``turn`` is what
+    the fastest action turns.
+
+    Examples:
+        >>> here, there = np.array([0.0, 0, 350]), np.array([3.0, 4, 30])
+        >>> float(decisions_apart(here, there, 20.0))  # 5 steps and 40 / 20 turns
+        7.0
+    """
+    gap = one - other
+    turned = np.abs((gap[..., 2] + 180) % 360 - 180) / turn
+    apart: Floats = np.hypot(gap[..., 0], gap[..., 1]) + turned
+    return apart
+
+
+def choose_waypoints(
+    poses: Floats, alike: Alike, *, within: float, above: float, turn: float
+) -> Numbers:
+    """Those of W candidates that stand for all, in order.
+
+    A candidate is chosen if none before it is both at most ``within`` decisions away
+    and more similar to it than ``above``: eq. 9 with the distance of poses beside that
+    of the TC-network, which sees the wall between two places that lie close. One whose
+    pose is not known, NaN, is not chosen.
+
+    Args:
+        poses: of the candidates, ``[W, 3]``.
+        alike: similarities of candidates to candidates.
+        within, above: see above.
+        turn: degrees that the fastest action turns.
+
+    Examples:
+        >>> poses = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, 60], [np.nan, 0, 0]])
+        >>> same = lambda one, other: np.ones(len(one))
+        >>> choose_waypoints(poses, same, within=4.0, above=0.6, turn=20.0).tolist()
+        [0, 2]
+    """
+    is_open = ~np.isnan(poses).any(1)
+    chosen = []
+    for number in range(len(poses)):
+        if not is_open[number]:
+            continue
+        chosen.append(number)
+        near = np.flatnonzero(is_open)
+        near = near[decisions_apart(poses[number], poses[near], turn) <= within]
+        stands_for = alike(near, np.full(len(near), number)) > above
+        is_open[near[stands_for]] = False
+        is_open[number] = False
+    return np.array(chosen, np.int64)
+
+
+def nearest_waypoints(
+    views: Floats,
+    waypoints: Floats,
+    alike: Alike,
+    *,
+    within: float,
+    above: float,
+    turn: float,
+) -> Numbers:
+    """The nearest of W waypoints that each of V views is like, -1 where there is none.
+
+    Arguments as in `choose_waypoints`; ``alike`` compares views with waypoints.
+    """
+    found = np.full(len(views), -1)
+    known = np.flatnonzero(~np.isnan(views).any(1))
+    for rows in np.split(known, range(_CHUNK, len(known), _CHUNK)):
+        apart = decisions_apart(views[rows, None], waypoints, turn)
+        view, waypoint = np.nonzero(apart <= within)
+        fits = alike(rows[view], waypoint) > above
+        view, waypoint = view[fits], waypoint[fits]
+        best = np.full(apart.shape, np.inf)
+        best[view, waypoint] = apart[view, waypoint]
+        if len(rows) and len(waypoints):
+            nearest = best.argmin(1)
+            has_one = np.isfinite(best[np.arange(len(rows)), nearest])
+            found[rows] = np.where(has_one, nearest, -1)
+    return found
+
+
+def count_moves(walks: Iterable[Numbers]) -> Counter[tuple[int, int]]:
+    """How often walks went from one waypoint to another.
+
+    ``walks`` are the waypoints of successive views; views without one, -1, are skipped.
+
+    Examples:
+        >>> count_moves([np.array([0, 0, 1, 1, -1, 0, 2])])
+        Counter({(0, 1): 1, (1, 0): 1, (0, 2): 1})
+    """
+    return Counter(
+        (before, after)
+        for walk in walks
+        for before, after in pairwise(walk[walk >= 0].tolist())
+        if before != after
+    )
