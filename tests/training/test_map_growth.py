@@ -5,18 +5,21 @@ import csv
 import errno
 import math
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from tests.exploring import explore_settings, make_batch, world_of
+from tests.graph.poses.ring_world import EFFECTS, compare, walk
 from toponav import keys
 from toponav.builders import make_layout, make_networks
 from toponav.builders.maps import make_map
 from toponav.builders.pretraining import pretraining_decisions
 from toponav.config import SettingsError
-from toponav.graph import load_map, save_map
+from toponav.graph import PoseRules, load_map, save_map
 from toponav.ground_truth import GroundTruthDistances
 from toponav.training import MapGrowth
 
@@ -295,3 +298,77 @@ def test_a_checkpoint_holds_no_views_and_the_next_run_has_them(tmp_path) -> None
     resumed.load_state_dict(state)
     assert torch.equal(resumed.map.waypoints.images, views)
     assert len(views) > 10
+
+
+def through_the_ring(config, growth, *, env, length=300):
+    """Feed a walk through a small world, as a collector would; its true poses."""
+    seen, poses = walk(env, length, seed=env)
+    done = torch.zeros(1, length, 1, dtype=torch.bool)
+    done[:, -1] = True
+    batch = TensorDict({keys.EMBEDDING: seen.embeddings.float()[None]}, [1, length])
+    batch[keys.ACTION] = seen.actions[None]
+    batch[keys.ENV_ID] = torch.full((1, length, 1), env)
+    batch[keys.NETWORK_PIXELS] = torch.zeros(1, length, 4, 4, 3, dtype=torch.uint8)
+    place, cell = poses[None, :, :2], growth.truth._metric.cell_size
+    # Its 16 steps are put into the middle of one cell: the maze judges nothing here.
+    batch[keys.POSITION] = 1.5 * cell + 0.01 * cell * (place - 8)
+    batch[keys.HEADING] = poses[None, :, 2:]
+    batch["next"] = TensorDict({keys.DONE: done, keys.REWARD: 0.0 * done}, [1, length])
+    growth.extend(batch)
+
+
+@pytest.fixture
+def pose_growth(monkeypatch):
+    # Enough for a small world.
+    quick = partial(PoseRules, rounds=4, updates=150)
+    monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
+    return make_pose_growth
+
+
+def make_pose_growth(folder=None):
+    config = settings("map.poses=true", "map.poses_above=0.1", "map.edges=time")
+    growth = make_growth(config, folder)
+    growth.effects = EFFECTS
+    waypoints = growth.map.waypoints
+    waypoints._compare, waypoints._prepare = compare, None
+    return config, growth
+
+
+def test_poses_leave_few_waypoints_at_the_end(tmp_path, pose_growth) -> None:
+    config, growth = pose_growth(tmp_path)
+    assert keys.ACTION in growth.in_keys
+    # Nothing that is read, but for what judges the map, says where the agent is.
+    judged = {keys.POSITION, keys.HEADING}
+    assert not any("privileged" in key for key in set(growth.in_keys) - judged)
+    for env in range(3):
+        through_the_ring(config, growth, env=env)
+    many = growth.map.num_waypoints
+    growth.finish(tmp_path)
+    number = growth.map.num_waypoints
+    assert 10 < number < many / 2
+    assert len(growth.truth.poses.values) == number == growth.growth[-1][1]
+    assert growth.rows[-1]["waypoints"] == number
+    state, _ = load_map(tmp_path / "map.zip")
+    assert len(state["images"]) == number
+    assert np.load(tmp_path / "map_poses.npy").shape == (number, 3)
+
+
+def test_a_resumed_run_has_the_walks_of_the_map(pose_growth) -> None:
+    config, whole = pose_growth()
+    _, half = pose_growth()
+    for env in range(2):
+        through_the_ring(config, whole, env=env)
+    through_the_ring(config, half, env=0)
+    _, resumed = pose_growth()
+    resumed.load_state_dict(half.state_dict())
+    through_the_ring(config, resumed, env=1)
+    whole.consolidate()
+    resumed.consolidate()
+    assert torch.equal(resumed.map.embeddings, whole.map.embeddings)
+    assert torch.equal(resumed.map.edges, whole.map.edges)
+
+
+def test_no_walks_are_kept_where_poses_are_not_wanted_or_not_possible() -> None:
+    assert make_growth(settings("map.poses=false")).map.walks is None
+    online = settings("map.poses=true", "online.learn=true")
+    assert make_growth(online).map.walks is None

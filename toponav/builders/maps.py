@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from toponav.config import MapConfig, require
-from toponav.graph import MapRules, TopologicalMap, Views, Walks
+from toponav.graph import MapRules, TopologicalMap, Trajectories, Views
 from toponav.modules import TCNetwork
 from toponav.worlds import WorldSpec
 
@@ -39,7 +39,7 @@ def make_map(
         goal_reward=world.goal_reward,
         turns=None if effects is None else effects[:, 2],
         views=views,
-        walks=Walks() if keep_walks else None,
+        walks=Trajectories() if keep_walks else None,
     )
 
 
@@ -99,7 +99,7 @@ def empty_map(
     goal_reward: float | None = None,
     turns: Tensor | None = None,
     views: Views | None = None,
-    walks: Walks | None = None,
+    walks: Trajectories | None = None,
 ) -> TopologicalMap:
     """A map by a TC-network on any device and in any precision."""
 

@@ -30,10 +30,10 @@ from toponav.graph.topological_map import (
     TopologicalMap as TopologicalMap,
     sparsify as sparsify,
 )
+from toponav.graph.trajectories import Trajectories as Trajectories
 from toponav.graph.views import (
     ViewFile as ViewFile,
     Views as Views,
     decode_view as decode_view,
 )
-from toponav.graph.walks import Walks as Walks
 from toponav.graph.waypoint_graph import WaypointGraph as WaypointGraph

@@ -16,10 +16,13 @@ from toponav.graph.poses import (
     nearest_waypoints,
 )
 from toponav.graph.topological_map import TopologicalMap
-from toponav.graph.walks import Walk
+from toponav.graph.trajectories import Trajectory
 
 #: Pairs of a view and a waypoint that are compared in one call.
 _PAIRS = 4096
+#: Shares of the views whose poses must be found, and of the pairs of views that look
+#: like one place and must fit, for a map to be made again by them.
+_KNOWN, _FIT = 0.8, 0.5
 #: A view may be a little further from its waypoint than waypoints are from each other.
 _MARGIN = 1.0
 
@@ -56,6 +59,8 @@ def consolidate(
     poses = estimate_poses(
         walks, effects, waypoints.compare, waypoints.entries_of, rules
     )
+    if poses.known < _KNOWN or poses.fit < _FIT:
+        return every
     views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1).double().numpy()
     places = views[rows := _rows_of_waypoints(topological_map, walks)]
     places[rows < 0] = np.nan
@@ -91,20 +96,20 @@ def consolidate(
     return torch.from_numpy(kept)
 
 
-def _known(topological_map: TopologicalMap) -> list[Walk]:
+def _known(topological_map: TopologicalMap) -> list[Trajectory]:
     walks = topological_map.walks
     return [] if walks is None else [walk for walk in walks.all() if len(walk.actions)]
 
 
 def _rows_of_waypoints(
-    topological_map: TopologicalMap, walks: Sequence[Walk]
+    topological_map: TopologicalMap, walks: Sequence[Trajectory]
 ) -> NDArray[np.int64]:
     """The view of each waypoint among those of all walks, -1 if it is not there.
 
     Numbers of observations begin again when a run resumes: embeddings must agree, too.
     """
     starts = np.cumsum([0, *(len(walk.actions) for walk in walks)])
-    of_env = defaultdict[int, list[tuple[int, Walk]]](list)
+    of_env = defaultdict[int, list[tuple[int, Trajectory]]](list)
     for start, walk in zip(starts.tolist(), walks, strict=False):
         of_env[walk.env].append((start, walk))
     found = []

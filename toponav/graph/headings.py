@@ -21,10 +21,10 @@ def look_alike(one: Tensor, other: Tensor, tolerance: float) -> Tensor:
     return ~(apart > tolerance)
 
 
-def agreed_angle(votes: Tensor) -> float | None:
+def agreed_angle(votes: Tensor, *, share: float = _SHARE) -> float | None:
     """The angle in degrees, [-180, 180), that most votes ``[N]`` are for, or ``None``.
 
-    Of 16 votes or more, nine in twenty must lie within 20 degrees of one of them.
+    Of 16 votes or more, a ``share`` must lie within 20 degrees of one of them.
 
     Examples:
         >>> votes = torch.tensor([181.0, 179.0, 540.0] * 6 + [0.0, 90.0] * 3)
@@ -36,7 +36,7 @@ def agreed_angle(votes: Tensor) -> float | None:
         return None
     agree = look_alike(votes.unsqueeze(1), votes, _APART)
     most = agree.sum(1).argmax()
-    if agree[most].sum() < _SHARE * len(votes):
+    if agree[most].sum() < share * len(votes):
         return None
     angles = votes[agree[most]].double().deg2rad()
     mean = torch.atan2(angles.sin().mean(), angles.cos().mean())

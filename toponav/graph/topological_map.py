@@ -11,8 +11,8 @@ from torch import Tensor
 from toponav.graph.discovery import Discovery
 from toponav.graph.pieces import MapKeys, Piece, cut_pieces, read_embeddings
 from toponav.graph.rules import MapRules
+from toponav.graph.trajectories import Trajectories
 from toponav.graph.views import Views
-from toponav.graph.walks import Walks
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Compare, Embed, Waypoints
 from toponav.views import (
@@ -88,7 +88,7 @@ class TopologicalMap:
         goal_reward: float | None = None,
         turns: Tensor | None = None,
         views: Views | None = None,
-        walks: Walks | None = None,
+        walks: Trajectories | None = None,
         channels: ChannelOrder = "HWC",
     ) -> None:
         self.keys = MapKeys()

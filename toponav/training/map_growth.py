@@ -65,8 +65,10 @@ class MapGrowth(Consumer):
     ``folder``, without one in memory.
     """
 
-    saved = ("map", "walks", "truth", "rows", "decisions", "growth")
-    saved += ("pretraining_decisions",)
+    saved = (
+        *("map", "walks", "truth", "rows", "decisions", "growth"),
+        "pretraining_decisions",
+    )
 
     def __init__(
         self,
@@ -145,12 +147,12 @@ class MapGrowth(Consumer):
     def finish(self, folder: Path) -> None:
         """Embed by the last networks, and make the map smaller as the settings say."""
         tolerance = self.config.sparsify
-        self._wait()
+        self.wait()
         before = self.map.num_waypoints, len(self.map.edges)
         if self.trains_online:
             self._embed(self.map.network_version + 1)
         if self.effects is not None:
-            self._consolidate()
+            self.consolidate()
         if tolerance is not None:
             numbers = sparsify(self.map, tolerance=tolerance)
             if self.truth is not None:
@@ -163,15 +165,15 @@ class MapGrowth(Consumer):
             )
         if self.trains_online or now != before or self._is_behind:
             self.write(folder)
-        self._wait()
+        self.wait()
 
-    def _consolidate(self) -> None:
+    def consolidate(self) -> None:
         """Make the map again of few waypoints, by the poses of all its views."""
         assert self.effects is not None
         kept = consolidate(
             self.map,
             self.effects,
-            PoseRules(seed=self.seed),
+            PoseRules(above=self.map.rules.tc_threshold, seed=self.seed),
             within=self.config.poses_within,
             above=self.config.poses_above,
         )
@@ -182,7 +184,7 @@ class MapGrowth(Consumer):
         if self.truth is not None:
             self.truth.poses.keep(kept)
 
-    def _wait(self) -> None:
+    def wait(self) -> None:
         """Wait until all is written, and raise what went wrong with it."""
         if self._writing is not None:
             self._writing.result()
@@ -197,7 +199,7 @@ class MapGrowth(Consumer):
         self._is_behind = self._writing is not None and not self._writing.done()
         if self._is_behind:
             return
-        self._wait()
+        self.wait()
         version = self.map.network_version
         snapshot = _Snapshot(
             {

@@ -29,7 +29,7 @@ def decisions_apart(one: Floats, other: Floats, turn: float) -> Floats:
     """
     gap = one - other
     turned = np.abs((gap[..., 2] + 180) % 360 - 180) / turn
-    apart: Floats = np.hypot(gap[..., 0], gap[..., 1]) + turned
+    apart: Floats = np.asarray(np.hypot(gap[..., 0], gap[..., 1]) + turned)
     return apart
 
 
@@ -46,7 +46,8 @@ def choose_waypoints(
     Args:
         poses: of the candidates, ``[W, 3]``.
         alike: similarities of candidates to candidates.
-        within, above: see above.
+        within: decisions, in free space.
+        above: similarity, in [0, 1].
         turn: degrees that the fastest action turns.
 
     Examples:
@@ -55,7 +56,7 @@ def choose_waypoints(
         >>> choose_waypoints(poses, same, within=4.0, above=0.6, turn=20.0).tolist()
         [0, 2]
     """
-    is_open = ~np.isnan(poses).any(1)
+    is_open = np.atleast_1d(np.isfinite(poses).all(axis=1))
     chosen = []
     for number in range(len(poses)):
         if not is_open[number]:
@@ -83,7 +84,7 @@ def nearest_waypoints(
     Arguments as in `choose_waypoints`; ``alike`` compares views with waypoints.
     """
     found = np.full(len(views), -1)
-    known = np.flatnonzero(~np.isnan(views).any(1))
+    known = np.flatnonzero(np.isfinite(views).all(axis=1))
     for rows in np.split(known, range(_CHUNK, len(known), _CHUNK)):
         apart = decisions_apart(views[rows, None], waypoints, turn)
         view, waypoint = np.nonzero(apart <= within)
@@ -98,18 +99,21 @@ def nearest_waypoints(
     return found
 
 
-def count_moves(walks: Iterable[Numbers]) -> Counter[tuple[int, int]]:
+def count_moves(walks: Iterable[Numbers], *, stay: int = 2) -> Counter[tuple[int, int]]:
     """How often walks went from one waypoint to another.
 
-    ``walks`` are the waypoints of successive views; views without one, -1, are skipped.
+    ``walks`` are the waypoints of successive views; views without one, -1, are skipped,
+    and so are visits of fewer than ``stay`` views in a row: a view that looks like a
+    place behind a wall is mostly alone.
 
     Examples:
-        >>> count_moves([np.array([0, 0, 1, 1, -1, 0, 2])])
-        Counter({(0, 1): 1, (1, 0): 1, (0, 2): 1})
+        >>> count_moves([np.array([0, 0, 1, 1, -1, 1, 2, 0, 0])])
+        Counter({(0, 1): 1, (1, 0): 1})
     """
-    return Counter(
-        (before, after)
-        for walk in walks
-        for before, after in pairwise(walk[walk >= 0].tolist())
-        if before != after
-    )
+    moves = Counter[tuple[int, int]]()
+    for walk in walks:
+        known = walk[walk >= 0]
+        visits = np.split(known, np.flatnonzero(np.diff(known)) + 1)
+        stops = [int(visit[0]) for visit in visits if len(visit) >= stay]
+        moves.update(pair for pair in pairwise(stops) if pair[0] != pair[1])
+    return moves

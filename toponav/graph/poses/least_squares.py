@@ -35,7 +35,8 @@ class PositionProblem:
     Examples:
         >>> pairs = np.array([0, 1, 0]), np.array([1, 2, 2])
         >>> steps = np.array([[1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-        >>> found = PositionProblem(3, *pairs, steps).solve(np.ones(3), np.zeros((3, 2)))
+        >>> problem = PositionProblem(3, *pairs, steps)
+        >>> found = problem.solve(np.ones(3), np.zeros((3, 2)))
         >>> (found - found[0]).round(3)[:, 0].tolist()
         [0.0, 1.0, 2.0]
     """

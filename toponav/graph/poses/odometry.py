@@ -1,7 +1,5 @@
 """`Odometry`: how far the agent got by an action, by the views before and after."""
 
-import math
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -35,7 +33,7 @@ class Odometry:
         actions: Tensor,
         num_actions: int,
         *,
-        updates: int = 600,
+        updates: int,
         batch: int = 512,
         seed: int = 0,
     ) -> None:
@@ -50,28 +48,21 @@ class Odometry:
     @torch.enable_grad()
     def fit(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Steps ``[N, 2]``, ahead and to the left, smoothed by a network of its own."""
-        # The draws of the caller stay as they are.
-        generator = torch.Generator().manual_seed(self._seed)
-        net = MLP(
-            self._inputs.shape[1],
-            2,
-            num_cells=(128, 64),
-            activation_class=nn.ReLU,
-            dropout=None,
-        )
-        for layer in net:
-            if isinstance(layer, nn.Linear):
-                bound = 1 / math.sqrt(layer.in_features)
-                nn.init.uniform_(layer.weight, -bound, bound, generator=generator)
-                nn.init.zeros_(layer.bias)
-        optimizer = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=3e-2)
         wanted = torch.from_numpy(steps).float()
-        for _ in range(self._updates):
-            drawn = torch.randint(len(wanted), (self._batch,), generator=generator)
-            loss = F.smooth_l1_loss(net(self._inputs[drawn]), wanted[drawn], beta=_BETA)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
+        # The draws of the caller stay as they are.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self._seed)
+            net = MLP(
+                self._inputs.shape[1], 2, num_cells=(128, 64), activation_class=nn.ReLU
+            )
+            optimizer = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=3e-2)
+            for _ in range(self._updates):
+                drawn = torch.randint(len(wanted), (self._batch,))
+                found = net(self._inputs[drawn])
+                loss = F.smooth_l1_loss(found, wanted[drawn], beta=_BETA)
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
         with torch.no_grad():
-            found: NDArray[np.float64] = net(self._inputs).double().numpy()
-        return found
+            smoothed: NDArray[np.float64] = net(self._inputs).double().numpy()
+        return smoothed

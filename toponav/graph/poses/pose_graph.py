@@ -13,23 +13,28 @@ from toponav.graph.poses.closures import (
     Closures,
     drop_turned,
     find_closures,
-    find_directions,
     spread_weights,
 )
+from toponav.graph.poses.directions import find_directions
 from toponav.graph.poses.least_squares import PositionProblem, redescending
-from toponav.graph.poses.odometry import Odometry
-from toponav.graph.walks import Walk
+from toponav.graph.poses.steps import Steps
+from toponav.graph.trajectories import Trajectory
 from toponav.graph.waypoints import Compare, Embed
 
 Floats = NDArray[np.float64]
+
+#: Solutions of the first round, and of each later one.
+_FIRST, _LATER = 8, 3
+#: Weight from which a closure fits.
+_FITS = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class PoseRules:
     """How poses are found. Lengths are steps: what the fastest action goes ahead."""
 
-    #: Views of a similarity above it, in [0, 1), show one place.
-    above: float = 0.97
+    #: Views of a similarity above it, in [0, 1), show one place: a map's threshold.
+    above: float
     #: Degrees up to which two views of one place may look different ways.
     tolerance: float = 30.0
     #: One view in so many is compared with others, and with so many of them. Views of
@@ -51,7 +56,28 @@ class PoseRules:
     overshoot: float = 3.0
     #: Share of the moves that nothing stops, at least; they have the known length.
     free_moves: float = 0.3
+    #: Of the network that learns the steps, in each round.
+    updates: int = 600
     seed: int = 0
+
+    def scales(self, turn: int) -> list[tuple[float, float]]:
+        """Residuals from which steps and closures stop to count, solution by solution.
+
+        Examples:
+            >>> rules = PoseRules(above=0.9, rounds=2, step_scales=(8.0, 2.0, 0.5))
+            >>> [round(step, 2) for step, _ in rules.scales(1)]
+            [0.5, 0.5, 0.5]
+        """
+        both = self.step_scales, self.closure_scales
+        if turn == 0:
+            shares = np.linspace(0, 1, _FIRST).tolist()
+            ends = [some[:2] for some in both]
+        else:
+            shares = [turn / max(self.rounds - 1, 1)] * _LATER
+            ends = [some[1:] for some in both]
+        (a, b), (c, d) = ends
+        # In equal factors.
+        return [(a * (b / a) ** at, c * (d / c) ** at) for at in shares]
 
 
 @dataclass(frozen=True)
@@ -63,12 +89,16 @@ class Poses:
 
     position: Tensor  # float32 [V, 2]
     heading: Tensor  # float32 [V]; degrees
-    kept_closures: int  # pairs of views of one place that fit
-    closures: int  # of so many
+    fit: float  # share of the pairs of views that look like one place and are one
+
+    @property
+    def known(self) -> float:
+        """Share of the views whose pose is known."""
+        return float(self.heading.isfinite().float().mean())
 
 
 def estimate_poses(
-    walks: Sequence[Walk],
+    walks: Sequence[Trajectory],
     effects: Tensor,
     compare: Compare,
     prepare: Embed,
@@ -93,142 +123,77 @@ def estimate_poses(
     """
     lengths = [len(walk.actions) for walk in walks]
     walk_of = np.repeat(np.arange(len(walks)), lengths)
-    time = np.concatenate([np.arange(length) for length in lengths])
-    turned = [effects[walk.actions, 2] for walk in walks]
-    headings = torch.cat([turn.cumsum(0) - turn for turn in turned]).double()
+    turned = [effects[walk.actions, 2].double() for walk in walks]
+    headings = torch.cat([turn.cumsum(0) - turn for turn in turned])
     embeddings = torch.cat([walk.embeddings for walk in walks]).float()
+    closures = _closures(embeddings, walk_of, lengths, compare, prepare, rules)
+    headings = headings + find_directions(headings, walk_of, closures)[walk_of]
+    closures = drop_turned(closures, headings, rules.tolerance)
+    steps = Steps(
+        # A step joins each view but the last of a walk with the next one.
+        np.flatnonzero(walk_of[:-1] == walk_of[1:]),
+        headings.numpy(),
+        torch.cat([walk.actions for walk in walks]),
+        effects,
+        embeddings,
+        overshoot=rules.overshoot,
+        free_moves=rules.free_moves,
+        updates=rules.updates,
+        seed=rules.seed,
+    )
+    position, kept = _solve(steps, closures, len(walk_of), rules)
+    position[headings.isnan().numpy()] = np.nan
+    fit = kept / max(len(closures), 1)
+    return Poses(torch.from_numpy(position).float(), headings.float(), fit)
 
-    keyframes = np.flatnonzero(time % rules.every == 0)
-    closures = find_closures(
-        embeddings[keyframes],
+
+def _closures(
+    embeddings: Tensor,
+    walk_of: NDArray[np.int64],
+    lengths: Sequence[int],
+    compare: Compare,
+    prepare: Embed,
+    rules: PoseRules,
+) -> Closures:
+    """Pairs of views of one place, but for those of one moment."""
+    time = np.concatenate([np.arange(length) for length in lengths])
+    frames = np.flatnonzero(time % rules.every == 0)
+    found = find_closures(
+        embeddings[frames],
         compare,
         prepare,
         above=rules.above,
         shortlist=rules.shortlist,
     )
-    closures = Closures(
-        keyframes[closures.one], keyframes[closures.other], closures.similarity
-    )
-    elsewhere = walk_of[closures.one] != walk_of[closures.other]
-    later = np.abs(closures.one - closures.other) > rules.apart
-    closures = closures.only(elsewhere | later)
-    offsets = find_directions(headings, walk_of, closures)
-    headings = headings + offsets[walk_of]
-    closures = drop_turned(closures, headings, rules.tolerance)
-
-    # A step joins each view but the last of a walk with the next one.
-    first = np.flatnonzero(walk_of[:-1] == walk_of[1:])
-    actions = torch.cat([walk.actions for walk in walks])
-    steps = _Steps(first, headings.numpy(), actions, effects, embeddings, rules)
-    position, kept = _solve(steps, closures, len(walk_of), rules)
-    position[headings.isnan().numpy()] = np.nan
-    return Poses(
-        torch.from_numpy(position).float(), headings.float(), kept, len(closures)
-    )
-
-
-class _Steps:
-    """The S steps of all walks, seen from the agent, and what is known of them."""
-
-    def __init__(
-        self,
-        first: NDArray[np.int64],
-        headings: Floats,
-        actions: Tensor,
-        effects: Tensor,
-        embeddings: Tensor,
-        rules: PoseRules,
-    ) -> None:
-        self.first = first
-        angle = np.deg2rad(np.nan_to_num(headings[first]))
-        self._cos, self._sin = np.cos(angle), np.sin(angle)
-        self._rules = rules
-        #: Ahead and to the left, ``[S, 2]``.
-        self.estimate: Floats = effects[actions[first], :2].double().numpy()
-        self._longest = np.linalg.norm(self.estimate, axis=1)
-        before = np.maximum(first - 1, 0)
-        done = torch.stack([actions[before], actions[first]], 1)
-        self._odometry = Odometry(
-            embeddings[first],
-            embeddings[first + 1],
-            done,
-            len(effects),
-            seed=rules.seed,
-        )
-
-    def in_the_plan(self) -> Floats:
-        """The steps as differences of positions, ``[S, 2]``."""
-        ahead, left = self.estimate.T
-        return np.stack(
-            [
-                ahead * self._cos - left * self._sin,
-                ahead * self._sin + left * self._cos,
-            ],
-            1,
-        )
-
-    def learn(self, positions: Floats) -> None:
-        """Move the estimates to what positions say of them, and smooth them."""
-        east, north = (positions[self.first + 1] - positions[self.first]).T
-        said = np.stack(
-            [
-                east * self._cos + north * self._sin,
-                north * self._cos - east * self._sin,
-            ],
-            1,
-        )
-        wanted = self.estimate + self._rules.overshoot * (said - self.estimate)
-        found = self._odometry.fit(self._limited(wanted))
-        # Positions shrink where steps are not held: free moves have the known length.
-        moves = self._longest > 0.6
-        share = np.linalg.norm(found[moves], axis=1) / self._longest[moves]
-        unit = np.quantile(share, 1 - self._rules.free_moves) if moves.any() else 1.0
-        self.estimate = self._limited(found / max(unit, 1e-3))
-
-    def _limited(self, steps: Floats) -> Floats:
-        """No longer than in free space, but for what is carried over from the last."""
-        length = np.linalg.norm(steps, axis=1)
-        most = (self._longest + 0.1) / np.maximum(length, 1e-6)
-        return steps * np.minimum(1.0, most)[:, None]
+    found = Closures(frames[found.one], frames[found.other])
+    elsewhere = walk_of[found.one] != walk_of[found.other]
+    later = np.abs(found.one - found.other) > rules.apart
+    return found.only(elsewhere | later)
 
 
 def _solve(
-    steps: _Steps, closures: Closures, num: int, rules: PoseRules
+    steps: Steps, closures: Closures, num: int, rules: PoseRules
 ) -> tuple[Floats, int]:
     """The positions, and how many closures fit them."""
-    weight = np.full(len(steps.first), rules.step_error**-2)
+    split = len(steps.first)
+    weights = np.full(split, rules.step_error**-2)
     joins = spread_weights(closures, num) * rules.closure_error**-2
     nothing = np.zeros((len(closures), 2))
     one = np.concatenate([steps.first, closures.one])
     other = np.concatenate([steps.first + 1, closures.other])
     positions, trust = np.zeros((num, 2)), np.ones(len(one))
-    split = len(steps.first)
     for turn in tqdm(range(rules.rounds), desc="poses", leave=False):
         said = np.concatenate([steps.in_the_plan(), nothing])
         problem = PositionProblem(num, one, other, said)
-        inner = 8 if turn == 0 else 3
-        for at in range(inner):
-            positions = problem.solve(
-                np.concatenate([weight, joins]) * trust, positions
-            )
-            done = at / (inner - 1) if turn == 0 else turn / (rules.rounds - 1)
-            scales = [
-                _between(*(some[:2] if turn == 0 else some[1:]), done)
-                for some in (rules.step_scales, rules.closure_scales)
-            ]
-            residual = problem.residual(positions)
+        for step_scale, closure_scale in rules.scales(turn):
+            weighted = np.concatenate([weights, joins]) * trust
+            positions = problem.solve(weighted, positions)
+            fits = np.split(problem.residual(positions), [split])
+            scales = step_scale, closure_scale
             trust = np.concatenate(
-                [
-                    redescending(residual[:split], scales[0]),
-                    redescending(residual[split:], scales[1]),
-                ]
+                [redescending(*some) for some in zip(fits, scales, strict=True)]
             )
         if turn == 0:
-            weight = weight * 2
+            weights = 2 * weights  # learned steps are better than those of free space
         steps.learn(positions)
-    return positions, int((trust[split:] > 0.25).sum())
-
-
-def _between(first: float, last: float, done: float) -> float:
-    """From one number to another, in equal factors."""
-    return first * (last / first) ** done
+    return positions, int((trust[split:] > _FITS).sum())

@@ -1,4 +1,4 @@
-"""`Walks`: what environments saw and did, view by view, for poses to be found."""
+"""`Trajectories`: what environments saw and did, view by view."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from toponav.graph.pieces import Piece
 
 
 @dataclass(frozen=True)
-class Walk:
+class Trajectory:
     """Views of one environment that follow on each other, T of them."""
 
     env: int
@@ -20,11 +20,11 @@ class Walk:
     actions: Tensor  # int64 [T]; each was done after its view
 
 
-class Walks:
+class Trajectories:
     """All walks so far; a view takes 0.5 kB at 256 numbers.
 
     Examples:
-        >>> walks, views = Walks(), torch.zeros(3, 8)
+        >>> walks, views = Trajectories(), torch.zeros(3, 8)
         >>> piece = Piece(0, views, None, False, actions=torch.tensor([0, 0, 1]))
         >>> walks.extend([piece, piece])
         >>> [(walk.number, len(walk.actions)) for walk in walks.all()]
@@ -32,7 +32,7 @@ class Walks:
     """
 
     def __init__(self) -> None:
-        self._done: list[Walk] = []
+        self._done: list[Trajectory] = []
         self._running: dict[int, list[Piece]] = {}
         self._counts: dict[int, int] = {}
 
@@ -49,13 +49,13 @@ class Walks:
         self._counts[env] = walk.number + len(walk.actions)
         self._done.append(walk)
 
-    def _join(self, env: int) -> Walk:
+    def _join(self, env: int) -> Trajectory:
         pieces = self._running[env]
         actions = [piece.actions for piece in pieces if piece.actions is not None]
         seen = torch.cat([piece.embeddings.half() for piece in pieces])
-        return Walk(env, self._counts.get(env, 0), seen, torch.cat(actions))
+        return Trajectory(env, self._counts.get(env, 0), seen, torch.cat(actions))
 
-    def all(self) -> list[Walk]:
+    def all(self) -> list[Trajectory]:
         """Those that ended, then those that go on."""
         return [*self._done, *map(self._join, self._running)]
 
@@ -69,7 +69,7 @@ class Walks:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Become what `state_dict` gave; observations are counted from 0 again."""
-        self._done = [Walk(**walk) for walk in state["walks"]]
+        self._done = [Trajectory(**walk) for walk in state["walks"]]
         self._running, self._counts = {}, {}
 
     def running_episodes(self) -> dict[str, Any]:

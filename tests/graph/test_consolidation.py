@@ -1,0 +1,80 @@
+"""`consolidate`: a map made again of few waypoints, by the poses of its views."""
+
+import torch
+from tensordict import TensorDict
+
+from tests.graph.poses.ring_world import EFFECTS, compare, walk
+from toponav.graph import MapRules, PoseRules, TopologicalMap, Trajectories, consolidate
+
+RULES = PoseRules(above=0.8, every=2, rounds=4, updates=150)
+LIMITS = {"within": 3.0, "above": 0.1}
+
+
+def grown(number=3, *, walks=True, length=300, apart=0.0):
+    rules = MapRules(tc_threshold=0.8, tc_reach=0.5, edges="time")
+    topological_map = TopologicalMap(
+        torch.Tensor.float, compare, rules, walks=Trajectories() if walks else None
+    )
+    poses = []
+    for env in range(number):
+        one, true = walk(env, length, seed=env)
+        done = torch.zeros(1, length, 1, dtype=torch.bool)
+        done[:, -1] = True
+        batch = TensorDict(
+            {
+                "embedding": one.embeddings.float().unsqueeze(0) + env * apart,
+                "action": one.actions.unsqueeze(0),
+                "env_id": torch.full((1, length, 1), env),
+                "next": {"done": done},
+            },
+            [1, length],
+        )
+        for piece in batch.split(100, 1):
+            topological_map.extend(piece.contiguous())
+        poses.append(true)
+    return topological_map, poses
+
+
+def test_few_waypoints_and_edges_that_were_walked() -> None:
+    topological_map, poses = grown()
+    before = topological_map.waypoints.origins.clone()
+    many = topological_map.num_waypoints
+    kept = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    number = topological_map.num_waypoints
+    assert number == len(kept) < many / 2
+    assert torch.equal(topological_map.waypoints.origins, before[kept])
+    assert (topological_map.graph.traversals.sum(1) > 0).all()
+    # Waypoints stand for views at most 4 decisions away, so that those of an edge are
+    # at most 9 apart: a step between two views comes on top.
+    place = torch.stack([poses[env][at] for env, at in before[kept].tolist()])
+    one, other = topological_map.edges.unbind(1)
+    assert ((place[one] - place[other])[:, :2].norm(dim=-1) < 9).float().mean() > 0.98
+    # Headings are those of the views, but for one angle that all share.
+    turned = (topological_map.waypoints.headings - place[:, 2]).deg2rad()
+    assert torch.stack([turned.cos().mean(), turned.sin().mean()]).norm() > 0.98
+
+
+def test_a_map_without_walks_or_poses_stays_as_it_is() -> None:
+    topological_map, _ = grown(2, walks=False)
+    state = topological_map.state_dict()
+    kept = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    assert kept.tolist() == [*range(topological_map.num_waypoints)]
+    # Two walks through different worlds: the second one's views, half of all, have no
+    # pose beside those of the first.
+    topological_map, _ = grown(2, apart=100.0)
+    state = topological_map.state_dict()
+    kept = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    assert kept.tolist() == [*range(topological_map.num_waypoints)]
+    assert torch.equal(topological_map.edges, state["edges"])
+
+
+def test_walks_go_on_after_a_resume() -> None:
+    whole, _ = grown(1, length=200)
+    one, _ = walk(0, 200, seed=0)
+    walks = whole.walks
+    assert walks is not None
+    again = Trajectories()
+    again.load_state_dict(walks.state_dict())
+    again.resume_episodes(walks.running_episodes())
+    assert torch.equal(again.all()[0].embeddings, one.embeddings)
+    assert torch.equal(again.all()[0].actions, one.actions)
