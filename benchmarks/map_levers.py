@@ -26,11 +26,13 @@ from torchrl.envs import Compose, InitTracker, TransformedEnv
 from toponav.builders import (
     Networks,
     World,
+    action_effects,
     collect_rollout,
     load_networks,
     make_map,
 )
 from toponav.config import ExploreConfig, MapConfig
+from toponav.graph import PoseRules, consolidate
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.keys import ACTION, EMBEDDING, ENV_ID, HEADING, POSITION
 from toponav.methods import LEARNERS, make_reward, make_world
@@ -55,6 +57,7 @@ LEVERS: dict[str, dict[str, Any]] = {
     "turns, lower threshold": TURNS | LOWER,
     "sure edges, lower threshold": SURE | LOWER,
     "all": {**TURNS, **SURE, **LOWER},
+    "poses": {"poses": True},
 }
 ENVS, ROLLOUT = 8, 120
 MEASURED: tuple[str, ...] = (
@@ -148,8 +151,13 @@ def grow(
     config: MapConfig, walks: TensorDictBase, world: World, networks: Networks
 ) -> list[float]:
     """The numbers of one row, from ``views`` on."""
+    effects = action_effects(world.spec) if config.poses else None
     topological_map = make_map(
-        config, networks.tc, networks.thresholds, world=world.spec
+        config,
+        networks.tc,
+        networks.thresholds,
+        world=world.spec,
+        keep_walks=effects is not None,
     )
     poses, growth, spent = WaypointPoses(), [(0, 0)], 0.0
     for batch in batches(walks):
@@ -160,6 +168,20 @@ def grow(
         growth.append((growth[-1][0] + batch.numel(), topological_map.num_waypoints))
         if new:
             poses.extend(topological_map.waypoints.origins)
+    if effects is not None:
+        start = time.process_time()
+        kept = consolidate(
+            topological_map,
+            effects,
+            PoseRules(above=topological_map.rules.tc_threshold),
+            within=config.poses_within,
+            above=config.poses_above,
+        )
+        spent += time.process_time() - start
+        poses.keep(kept)
+        growth = [
+            (views, int(torch.searchsorted(kept, number))) for views, number in growth
+        ]
     assert world.layout is not None
     mask = torch.as_tensor(world.layout.open_mask)
     distances = GroundTruthDistances(
