@@ -5,12 +5,13 @@ from tensordict import TensorDict
 
 from tests.graph.poses.ring_world import EFFECTS, compare, walk
 from toponav.graph import MapRules, PoseRules, TopologicalMap, Trajectories, consolidate
+from toponav.graph.pieces import Piece
 
 RULES = PoseRules(above=0.8, every=2, rounds=4, updates=150)
 LIMITS = {"within": 3.0, "above": 0.1}
 
 
-def grown(number=3, *, walks=True, length=300, apart=0.0):
+def grown(number=3, *, walks=True, length=300, apart=0.0, ends=True):
     rules = MapRules(tc_threshold=0.8, tc_reach=0.5, edges="time")
     topological_map = TopologicalMap(
         torch.Tensor.float, compare, rules, walks=Trajectories() if walks else None
@@ -19,7 +20,7 @@ def grown(number=3, *, walks=True, length=300, apart=0.0):
     for env in range(number):
         one, true = walk(env, length, seed=env)
         done = torch.zeros(1, length, 1, dtype=torch.bool)
-        done[:, -1] = True
+        done[:, -1] = ends
         batch = TensorDict(
             {
                 "embedding": one.embeddings.float().unsqueeze(0) + env * apart,
@@ -69,12 +70,17 @@ def test_a_map_without_walks_or_poses_stays_as_it_is() -> None:
 
 
 def test_walks_go_on_after_a_resume() -> None:
-    whole, _ = grown(1, length=200)
-    one, _ = walk(0, 200, seed=0)
-    walks = whole.walks
-    assert walks is not None
+    whole, _ = grown(1, length=200, ends=False)
+    assert whole.walks is not None
     again = Trajectories()
-    again.load_state_dict(walks.state_dict())
-    again.resume_episodes(walks.running_episodes())
-    assert torch.equal(again.all()[0].embeddings, one.embeddings)
-    assert torch.equal(again.all()[0].actions, one.actions)
+    again.load_state_dict(whole.walks.state_dict())
+    again.resume_episodes(whole.walks.running_episodes())
+    one, _ = walk(0, 200, seed=0)
+    piece = Piece(0, one.embeddings, None, True, actions=one.actions)
+    again.extend([piece])
+    # One walk, which the resume did not end; the next one's views count on.
+    (joined,) = again.all()
+    assert torch.equal(joined.embeddings, one.embeddings.repeat(2, 1))
+    assert torch.equal(joined.actions, one.actions.repeat(2))
+    again.extend([piece])
+    assert [each.number for each in again.all()] == [0, 400]

@@ -32,8 +32,9 @@ def test_each_view_has_a_waypoint_nearby_and_waypoints_are_apart(rows) -> None:
 
 
 def test_a_wall_between_two_places_keeps_them_apart() -> None:
-    # Two places three steps apart, from which different things are seen.
-    poses = np.array([[0.0, 0, 0], [3.0, 0, 0], [1.0, 0, 0]])
+    # Two places three steps apart, from which different things are seen; the last view
+    # is nearer to the second, and sees what is seen from the first.
+    poses = np.array([[0.0, 0, 0], [3.0, 0, 0], [1.6, 0, 0]])
     side = np.array([0, 1, 0])
 
     def alike(one, other):
