@@ -7,6 +7,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 from torchrl.modules import MLP
 
+#: Of the layers between.
+_WIDTHS = 2**7, 2**6
 #: Steps of length at which the loss turns from a square to an absolute value.
 _BETA = 0.1
 
@@ -53,7 +55,7 @@ class Odometry:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._seed)
             net = MLP(
-                self._inputs.shape[1], 2, num_cells=(128, 64), activation_class=nn.ReLU
+                self._inputs.shape[1], 2, num_cells=_WIDTHS, activation_class=nn.ReLU
             )
             optimizer = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=3e-2)
             for _ in range(self._updates):
