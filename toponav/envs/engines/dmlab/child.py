@@ -71,12 +71,15 @@ class Server:
             level_cache=MapCache(Path(options["cache"])),
             temp_folder=options["folder"],
         )
-        self._names = names
+        self._names, self._is_warm = names, False
 
     def reset(self, scene: str, idle: int) -> tuple[bytes, list[float]]:
         """Load a scene and wait until the agent stands: its view and pose."""
-        self._lab.write_property("scene", scene)
-        self._lab.reset(seed=0)
+        # An engine's first episode runs a little otherwise than all that follow.
+        for _ in range(1 if self._is_warm else 2):
+            self._lab.write_property("scene", scene)
+            self._lab.reset(seed=0)
+        self._is_warm = True
         _, view, pose = self.act([0] * 7, idle, None)
         return view, pose
 
@@ -89,6 +92,8 @@ class Server:
     ) -> tuple[float, bytes, list[float]]:
         """Hold an action for some frames, or until one of them pays ``least``."""
         held, reward = np.array(action, dtype=np.intc), 0.0
+        if least is None:
+            reward, frames = self._lab.step(held, num_steps=frames), 0
         for _ in range(frames):
             paid = self._lab.step(held, num_steps=1)
             reward += paid

@@ -70,7 +70,9 @@ class Engine:
                 "height": str(height),
                 "fps": str(FRAMES_PER_SECOND),
                 "minimalUI": "true",
-                "appendCommand": " +set net_enabled 0",
+                # No network, no hand in the view, no mark in its middle.
+                "appendCommand": " +set net_enabled 0 +set cg_drawGun 0"
+                " +set cg_drawCrosshair 0 +set cg_drawCrosshairAlways 0",
                 **self._settings,
             },
         }

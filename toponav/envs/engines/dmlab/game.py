@@ -6,21 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toponav.envs.engines.dmlab.engine import Engine, Seen
-from toponav.envs.engines.dmlab.text_level import level_settings, pose_text, scene_text
 from toponav.envs.engines.dmlab.spec import (
     ACTIONS,
     FRAMES_PER_DECISION,
     GOAL_REWARD,
 )
+from toponav.envs.engines.dmlab.text_level import level_settings, pose_text, scene_text
 from toponav.envs.game import EngineError, Look
 from toponav.envs.layout import Layout
 from toponav.envs.scene import Pose, Scene
 
 # Look to the right, look down, strafe, move, fire, jump, crouch.
-_HELD = [[right, 0, 0, move, 0, 0, 0] for move, right in ACTIONS.values()]
+_HELD = [[right, 0, 0, move, 0, 0, 0] for (move, right), _ in ACTIONS.values()]
 _NOTHING = [0] * 7
-# An agent that is put somewhere drops to the floor and may not run in so many frames.
-_SETTLING_FRAMES = 12
+# For so long an agent that was put somewhere stands in the engine's glow.
+_SETTLING_FRAMES = 36
 
 
 class MazeGame:
@@ -48,10 +48,11 @@ class MazeGame:
 
     def step(self, action: int) -> None:
         """Take one decision: hold an action for its frames, or up to the goal."""
+        goal = None if self.scene.goal is None else GOAL_REWARD
         self.reward, seen = self.engine.act(
-            _HELD[action], frames=FRAMES_PER_DECISION, least=GOAL_REWARD
+            _HELD[action], frames=FRAMES_PER_DECISION, least=goal
         )
-        self.respawned = self.reward >= GOAL_REWARD
+        self.respawned = goal is not None and self.reward >= GOAL_REWARD
         if self.respawned:
             # The engine puts the agent there in the next frame.
             _, seen = self.engine.act(_NOTHING, frames=_SETTLING_FRAMES)

@@ -1,9 +1,10 @@
 -- One maze of toponav as a level of DeepMind Lab. Part of toponav, MIT licence.
 --
 -- Settings (`config` of deepmind_lab.Lab), which say how the maze looks:
---   regions        rows of a text level's variations layer, one letter an open cell
---   textureSeed    draws the regions' walls and floors, and the decals
---   decals         share of wall faces with a picture, in [0, 1]
+--   regions    rows of a text level's variations layer, one letter an open cell
+--   styles     lines of a letter, the texture of its walls and that of its floor
+--   pictures   lines of a cell's row and column from 1, the side of it (N, E, S, W) on which
+--              a wall bears a picture, and its texture
 -- Property `scene`, to be written before each reset; lines of a word and its values:
 --   map <name>     a name that no other text has
 --   row <text>     the text level, from north to south, one line a row
@@ -14,10 +15,10 @@
 local game = require 'dmlab.system.game'
 local map_maker = require 'dmlab.system.map_maker'
 local tensor = require 'dmlab.system.tensor'
-local random = require('common.random')(map_maker:randomGen())
-local decals = require('themes.decals').decals
-local textures = require('themes.texture_sets').MISHMASH
 
+local SKY = 'map/lab_games/sky/lg_sky_01'
+-- What a property's callback returns.
+local WRITTEN, NOT_FOUND = 0, 1
 -- Above the floor, in map units; things and agents drop to it.
 local THING_HEIGHT, START_HEIGHT = 30, 25
 local GOAL_ID = 1
@@ -35,32 +36,30 @@ local scene
 local isNew
 local taken
 
+local function texture(name)
+  return {tex = name}
+end
+
 local function theme()
-  local walls = random:shuffle(textures.wall)
-  local floors = random:shuffle(textures.floor)
-  local variations = {}
-  local drawn = 0
   local theme = {}
 
   function theme:mazeVariation(letter)
-    if not variations[letter] then
-      local wall = walls[drawn % #walls + 1]
-      variations[letter] = {
-          floor = floors[drawn % #floors + 1],
-          ceiling = textures.ceiling[1],
-          wallN = wall, wallE = wall, wallS = wall, wallW = wall,
-          riser = wall, tread = wall,
-      }
-      drawn = drawn + 1
-    end
-    return variations[letter]
+    local style = look.styles[letter] or look.styles.A
+    local wall, floor = texture(style.wall), texture(style.floor)
+    return {
+        floor = floor, ceiling = floor, riser = wall, tread = wall,
+        wallN = wall, wallE = wall, wallS = wall, wallW = wall,
+    }
   end
 
   function theme:placeWallDecals(places)
     local placed = {}
-    random:shuffleInPlace(places)
-    for i = 1, math.floor(look.decals * #places + 0.5) do
-      placed[i] = {index = places[i].index, decal = random:choice(decals)}
+    for _, place in ipairs(places) do
+      local name = ('%d %d %s'):format(place.i, place.j, place.direction)
+      local picture = look.pictures[name]
+      if picture then
+        table.insert(placed, {index = place.index, decal = texture(picture)})
+      end
     end
     return placed
   end
@@ -70,16 +69,21 @@ end
 
 function api:init(settings)
   look.regions = settings.regions
-  look.seed = tonumber(settings.textureSeed)
-  look.decals = tonumber(settings.decals)
+  look.styles, look.pictures = {}, {}
+  for letter, wall, floor in settings.styles:gmatch('(%u) (%S+) (%S+)') do
+    look.styles[letter] = {wall = wall, floor = floor}
+  end
+  for place, picture in settings.pictures:gmatch('(%d+ %d+ %u) (%S+)') do
+    look.pictures[place] = picture
+  end
 end
 
 function api:writeProperty(key, value)
   if key == 'respawn' then
     scene.start = value
-    return true
+    return WRITTEN
   elseif key ~= 'scene' then
-    return nil
+    return NOT_FOUND
   end
   scene = {rows = {}, apples = {}}
   isNew, taken = true, {}
@@ -92,15 +96,7 @@ function api:writeProperty(key, value)
       scene[word] = rest
     end
   end
-  return true
-end
-
-function api:readProperty(key)
-  return nil
-end
-
-function api:listProperty(key, callback)
-  return false
+  return WRITTEN
 end
 
 function api:nextMap()
@@ -108,15 +104,15 @@ function api:nextMap()
     return ''  -- the goal restarts the map that is there
   end
   isNew = false
-  map_maker:randomGen():seed(look.seed)
+  -- The engine would number a map's brushes otherwise.
+  map_maker:randomGen():seed(1)
   map_maker:mapFromTextLevel{
       entityLayer = table.concat(scene.rows, '\n'),
       variationsLayer = look.regions,
       mapName = scene.map,
       allowBots = false,
-      skyboxTextureName = 'map/lab_games/sky/lg_sky_03',
+      skyboxTextureName = SKY,
       theme = theme(),
-      callback = function() return {} end,
   }
   return scene.map
 end
@@ -159,8 +155,7 @@ function api:createPickup(class)
 end
 
 function api:pickup(id)
-  taken[id] = true
-  return -1
+  taken[id] = true  -- and the engine pays what the item is worth
 end
 
 function api:hasEpisodeFinished()

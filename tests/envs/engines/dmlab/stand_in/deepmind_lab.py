@@ -17,7 +17,7 @@ _RECORDED = json.loads(Path(__file__).with_name("recorded.json").read_text())
 _CELL, _RADIUS = 100.0, _RECORDED["radius"]
 _FRAME = 0.016
 _OBSERVATIONS = ("RGB_INTERLEAVED", "RGBD_INTERLEAVED", "POSE")
-_LEVEL_SETTINGS = ("regions", "textureSeed", "decals")
+_LEVEL_SETTINGS = ("regions", "styles", "pictures")
 _ENGINE_SETTINGS = ("width", "height", "fps", "minimalUI", "appendCommand")
 
 
@@ -33,27 +33,8 @@ class Lab:
         level_cache=None,
         temp_folder=None,
     ):
-        if type(observations) is not list:
-            kind = type(observations).__name__
-            raise TypeError(f"argument 2 must be list, not {kind}")
-        for key, value in (config or {}).items():
-            if type(key) is not str or type(value) is not str:
-                raise TypeError("bad argument type for built-in operation")
-            if key not in (*_LEVEL_SETTINGS, *_ENGINE_SETTINGS):
-                raise RuntimeError(f"the stand-in has not seen the setting {key!r}")
-        if renderer not in ("hardware", "software"):
-            message = 'Failed to set renderer must be "hardware" or "software" actual'
-            raise RuntimeError(f'{message} "{renderer}"!')
-        if not (level.endswith("level.lua") and Path(level).is_file()):
-            raise RuntimeError(f"Invalid levelName flag '{level}' - Level not found")
-        for name in observations:
-            if name not in _OBSERVATIONS:
-                raise ValueError(f"Unknown observation '{name}'.")
+        _check(level, observations, config or {}, renderer)
         self._size = int(config["height"]), int(config["width"])
-        if any(side % 4 for side in self._size):
-            raise RuntimeError("width and height must be multiples of 4")
-        if config["fps"] != "60":
-            raise RuntimeError("the stand-in was recorded at 60 frames a second")
         self._names, self._config = observations, config
         self._cache, self._folder = level_cache, Path(temp_folder)
         self._folder.joinpath("engine").mkdir()
@@ -138,7 +119,6 @@ class Lab:
     def _put(self):
         self._x, self._y, self._yaw = self._start
         self._speed = np.zeros(2)
-        self._frozen = _RECORDED["frozen_frames"]
 
     def _frame(self, action):
         if self._finished:  # the frame after the goal puts the agent elsewhere
@@ -157,9 +137,6 @@ class Lab:
 
     def _accelerate(self, move):
         # Friction and acceleration of Quake's players on the ground.
-        if self._frozen:
-            self._frozen -= 1
-            return
         speed = math.hypot(*self._speed)
         if speed < 1.0:
             self._speed[:] = 0.0
@@ -208,9 +185,36 @@ class Lab:
         return view
 
 
+def _check(level, observations, config, renderer):
+    if type(observations) is not list:
+        kind = type(observations).__name__
+        raise TypeError(f"argument 2 must be list, not {kind}")
+    _check_config(config)
+    if renderer not in ("hardware", "software"):
+        message = 'Failed to set renderer must be "hardware" or "software" actual'
+        raise RuntimeError(f'{message} "{renderer}"!')
+    if not (level.endswith("level.lua") and Path(level).is_file()):
+        raise RuntimeError(f"Invalid levelName flag '{level}' - Level not found")
+    for name in observations:
+        if name not in _OBSERVATIONS:
+            raise ValueError(f"Unknown observation '{name}'.")
+
+
+def _check_config(config):
+    for key, value in config.items():
+        if type(key) is not str or type(value) is not str:
+            raise TypeError("bad argument type for built-in operation")
+        if key not in (*_LEVEL_SETTINGS, *_ENGINE_SETTINGS):
+            raise RuntimeError(f"the stand-in has not seen the setting {key!r}")
+    if int(config["width"]) % 4 or int(config["height"]) % 4:
+        raise RuntimeError("width and height must be multiples of 4")
+    if config["fps"] != "60":
+        raise RuntimeError("the stand-in was recorded at 60 frames a second")
+
+
 def version():
     return "1.0"
 
 
-if os.environ.get("STAND_IN_DIES_ON_IMPORT"):
+if os.environ.get("STAND_IN") == "dies on import":
     raise SystemExit("the stand-in was told to die")
