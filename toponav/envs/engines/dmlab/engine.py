@@ -27,10 +27,18 @@ _LEVEL = Path(__file__).with_name("level.lua")
 _SECONDS = 600.0
 _REMEDY = (
     "build the Python package 'deepmind_lab' from its public source "
-    "(https://github.com/google-deepmind/lab), as docs/dmlab.md says, or use "
-    "engine=vizdoom"
+    "(https://github.com/google-deepmind/lab; docs/dmlab.md) or use engine=vizdoom"
 )
 Seen = tuple[NDArray[np.uint8], list[float]]
+
+
+def check_installed() -> None:
+    """An ``EngineError`` where Python finds no engine."""
+    if importlib.util.find_spec("deepmind_lab") is None:
+        raise EngineError(
+            "the DeepMind Lab engine must be installed, and there is no Python "
+            f"package 'deepmind_lab': {_REMEDY}"
+        )
 
 
 class Engine:
@@ -49,11 +57,7 @@ class Engine:
         self._start()
 
     def _start(self) -> None:
-        if importlib.util.find_spec("deepmind_lab") is None:
-            raise EngineError(
-                "the DeepMind Lab engine must be installed, and there is no Python "
-                f"package 'deepmind_lab': {_REMEDY}"
-            )
+        check_installed()
         self._folder = Path(tempfile.mkdtemp(prefix="toponav-dmlab-"))
         ours, theirs = socket.socketpair()
         height, width = WORLD.view_size
