@@ -29,6 +29,14 @@ needs_dmlab = pytest.mark.skipif(
     importlib.util.find_spec("deepmind_lab") is None,
     reason="the engine is installed by its users",
 )
+
+
+def is_stand_in() -> bool:
+    """Whether the module that Python finds is the stand-in."""
+    found = importlib.util.find_spec("deepmind_lab")
+    return found is not None and Path(str(found.origin)).parent == STAND_IN
+
+
 NAMES = [
     *("fake", "dmlab", "vizdoom"),
     pytest.param("dmlab installed", marks=[needs_dmlab, pytest.mark.slow]),
@@ -51,6 +59,7 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
     name, *installed = request.param.split()
     if name == "dmlab" and not installed:
         monkeypatch.syspath_prepend(str(STAND_IN))
+    assert name != "dmlab" or is_stand_in() != bool(installed)
     return str(name)
 
 

@@ -4,7 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.envs.test_engines import STAND_IN, needs_dmlab
+from tests.envs.test_engines import STAND_IN, is_stand_in, needs_dmlab
+
+# pytest would import it where it looks for examples, and find it for good.
+collect_ignore = ["stand_in"]
 
 
 @pytest.fixture(
@@ -19,6 +22,7 @@ def module(request: pytest.FixtureRequest) -> Iterator[str]:
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "stand-in":
             patch.syspath_prepend(str(STAND_IN))
+        assert is_stand_in() == (request.param == "stand-in")
         yield request.param
 
 

@@ -11,6 +11,7 @@ import os
 import shutil
 import signal
 import sys
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -111,12 +112,10 @@ def main() -> None:
     options = json.loads(sys.argv[1])
     sys.path[:] = options["path"]
     link: Connection[Any, Any] = Connection(options["socket"])
-    try:
+    with suppress(EOFError, OSError):
         serve(link, options)
-    except (EOFError, OSError):
-        pass  # the owner is gone
-    finally:
-        shutil.rmtree(options["folder"], ignore_errors=True)
+    # The owner is gone; while it is there, it reads the log of one that failed.
+    shutil.rmtree(options["folder"], ignore_errors=True)
 
 
 def serve(link: "Connection[Any, Any]", options: dict[str, Any]) -> None:
