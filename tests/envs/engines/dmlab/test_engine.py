@@ -122,8 +122,8 @@ class TestEnd:
         try:
             assert owner.stdout is not None
             pid, folder = owner.stdout.readline().split()
-            assert owner.wait(60) == -signal.SIGKILL
-            deadline = time.monotonic() + 30
+            assert owner.wait(120) == -signal.SIGKILL
+            deadline = time.monotonic() + 120
             while alive(int(pid)) or Path(folder).exists():
                 assert time.monotonic() < deadline
                 time.sleep(0.1)
