@@ -92,14 +92,16 @@ class Server:
         self, action: list[int], frames: int, least: float | None
     ) -> tuple[float, bytes, list[float]]:
         """Hold an action for some frames, or until one of them pays ``least``."""
-        held, reward = np.array(action, dtype=np.intc), 0.0
+        held = np.array(action, dtype=np.intc)
         if least is None:
-            reward, frames = self._lab.step(held, num_steps=frames), 0
-        for _ in range(frames):
-            paid = self._lab.step(held, num_steps=1)
-            reward += paid
-            if least is not None and paid >= least:
-                break
+            reward = self._lab.step(held, num_steps=frames)
+        else:
+            reward = 0.0
+            for _ in range(frames):
+                earned = self._lab.step(held, num_steps=1)
+                reward += earned
+                if earned >= least:
+                    break
         seen = self._lab.observations()
         view, pose = seen[self._names[1]], seen[self._names[0]]
         return reward, view.tobytes(), pose.tolist()
