@@ -1,6 +1,8 @@
 """Coverage of scripted policies: what a learner has to beat, and what is possible.
 
     python benchmarks/coverage.py --out results/coverage.csv
+    python benchmarks/coverage.py --engine dmlab --mazes maze1 maze2 maze3 \
+        --episodes 12 --expert-decisions 1800 --out results/dmlab/coverage.csv
 
 Share of the maze's cells visited in 1800 decisions by a uniformly random walk and by
 a sticky, forward-biased one, and the decisions that a frontier-following expert, who
@@ -19,7 +21,14 @@ from torchrl.envs import InitTracker, TransformedEnv
 from tqdm import tqdm
 
 from toponav.builders import collect_rollout
-from toponav.envs import DEFAULT_ENGINE, MAZES, MazeEnv, load_engine, load_maze
+from toponav.envs import (
+    DEFAULT_ENGINE,
+    ENGINES,
+    MAZES,
+    MazeEnv,
+    load_engine,
+    load_maze,
+)
 from toponav.keys import COVERAGE, DECISIONS_TO_COVERAGE
 from toponav.metrics import bootstrap
 from toponav.policies import (
@@ -36,18 +45,29 @@ MEASURED = (COVERAGE, DECISIONS_TO_COVERAGE)
 
 
 def episodes(
-    maze: str, policy: TensorDictModuleBase, *, count: int, length: int, seed: int
+    maze: str,
+    policy: TensorDictModuleBase,
+    *,
+    engine: str,
+    count: int,
+    length: int,
+    seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Final coverage in percent, and decisions to 90 and 100 %, of each episode."""
-    layout = load_maze(maze)
+    layout, batch = load_maze(maze), min(BATCH, count)
     base = MazeEnv(
-        layout, batch_size=BATCH, privileged=True, seed=seed, episode_length=length + 1
+        layout,
+        engine=engine,
+        batch_size=batch,
+        privileged=True,
+        seed=seed,
+        episode_length=length + 1,
     )
     meter = Coverage(torch.from_numpy(layout.open_mask), levels=LEVELS)
     env = TransformedEnv(base, meter).append_transform(InitTracker())
     covered, decisions = [], []
     try:
-        for _ in range(-(-count // BATCH)):
+        for _ in range(-(-count // batch)):
             played = collect_rollout(env, policy, length, keep=(), keep_next=MEASURED)
             last = played.frames["next"][:, -1]
             covered.append(100 * last[COVERAGE][:, 0].numpy())
@@ -61,13 +81,18 @@ def main() -> None:
     """Measure, print the table, keep it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=128)
+    parser.add_argument("--expert-decisions", type=int, default=600)
+    parser.add_argument("--engine", choices=ENGINES, default=DEFAULT_ENGINE)
+    parser.add_argument("--mazes", nargs="+", choices=MAZES, default=[*MAZES])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    world = load_engine(DEFAULT_ENGINE).world
+    world = load_engine(options.engine).world
+    length = options.expert_decisions
+    shared = {"engine": options.engine, "seed": options.seed}
     rows = []
-    for maze in tqdm(MAZES, desc="maze"):
+    for maze in tqdm(options.mazes, desc="maze"):
         mask = torch.from_numpy(load_maze(maze).open_mask)
         walks = {
             "uniform random": RandomPolicy(world.num_actions, seed=options.seed),
@@ -79,19 +104,18 @@ def main() -> None:
         }
         for name, policy in walks.items():
             covered, _ = episodes(
-                maze, policy, count=options.episodes, length=1800, seed=options.seed
+                maze, policy, count=options.episodes, length=1800, **shared
             )
             rows.append([maze, name, "coverage after 1800 decisions, %", covered])
         covered, decisions = episodes(
             maze,
             FrontierExpert(mask, world=world, seed=options.seed),
             count=options.episodes // 2,
-            length=600,
-            seed=options.seed,
+            length=length,
+            **shared,
         )
-        rows.append(
-            [maze, "frontier expert", "coverage after 600 decisions, %", covered]
-        )
+        what = f"coverage after {length} decisions, %"
+        rows.append([maze, "frontier expert", what, covered])
         for level, taken in zip(LEVELS, decisions.T, strict=True):
             what = f"decisions to {level:.0%}".replace("%", " %")
             rows.append([maze, "frontier expert", what, taken])

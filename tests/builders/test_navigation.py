@@ -216,4 +216,4 @@ def test_an_engine_with_other_views_is_one_sentence(folder, monkeypatch):
     config = navigate_settings(folder, "engine=fake")
     assert refused(config).startswith("run must name networks for views of 24 x 36")
     config = navigate_settings(folder, "engine=fak")
-    assert "engine must be one of fake, vizdoom, got 'fak'" in refused(config)
+    assert "engine must be one of dmlab, fake, vizdoom, got 'fak'" in refused(config)

@@ -251,7 +251,7 @@ def test_the_reason_of_one_that_fails_is_said(
     world.engine = "none"
     assert rows_from(start_baselines(config, world)) == PLAYED
     said = capsys.readouterr().out.strip().splitlines()[-1]
-    assert "got: engine must be one of vizdoom, got 'none'" in said
+    assert "got: engine must be one of dmlab, vizdoom, got 'none'" in said
 
 
 #: A run that has started its baselines and then waits.

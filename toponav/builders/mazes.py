@@ -28,8 +28,13 @@ def make_layout(config: MazeConfig) -> Layout:
 
 @refusing("")
 def engine_world(engine: str) -> WorldSpec:
-    """The numbers of the mazes on an engine; `SettingsError` if there is no such."""
-    return load_engine(engine).world
+    """The numbers of the mazes on an engine.
+
+    `SettingsError` if there is no such engine, `EngineError` if it is not installed.
+    """
+    found = load_engine(engine)
+    found.check()
+    return found.world
 
 
 @refusing("maze: ")
@@ -48,7 +53,7 @@ def make_env(
     engine is not installed or cannot load it.
     """
     layout = make_layout(config)
-    engine_world(engine)  # refuses an unknown one
+    engine_world(engine)  # refuses one that is unknown or not installed
     return MazeEnv(
         layout,
         engine=engine,

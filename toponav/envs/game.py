@@ -100,6 +100,8 @@ class GameEngine:
         world: its numbers; must have a ``motion``.
         camera: its view.
         start: starts a game of a maze, in a thread; an ``EngineError`` if it cannot.
+        check: an ``EngineError`` where the engine is not installed; recipes call it
+            before they start anything.
         prepare: called once, before the first ``start``, in the caller's thread.
         end_strays: ends what engines of dead processes left; returns their number.
     """
@@ -107,6 +109,7 @@ class GameEngine:
     world: WorldSpec
     camera: Camera
     start: Callable[[Layout, Look], Game]
+    check: Callable[[], None] = lambda: None
     prepare: Callable[[Layout, Look], None] = lambda layout, look: None
     end_strays: Callable[[], int] = int
 

@@ -8,6 +8,7 @@ from toponav.envs.mazes import unknown_name
 #: Name of each engine -> its room, which holds a `GameEngine` as ``ENGINE``. Rooms must
 #: import where the engine is not installed; the first start says what to install.
 ENGINES = {
+    "dmlab": "toponav.envs.engines.dmlab",
     "vizdoom": "toponav.envs.engines.doom",
 }
 #: The default engine of `MazeEnv`, and that of files that name none.

@@ -4,7 +4,6 @@ import hashlib
 from functools import lru_cache
 from typing import NamedTuple
 
-import networkx as nx
 import numpy as np
 
 from toponav.envs.engines.doom.art import (
@@ -26,13 +25,12 @@ from toponav.envs.engines.doom.level.actors import (
 from toponav.envs.engines.doom.level.udmf import Edge, Surfaces, textmap, wall_edges
 from toponav.envs.engines.doom.level.wad import build_wad
 from toponav.envs.game import Look
-from toponav.envs.layout import Cell, Layout
+from toponav.envs.layout import Layout
+from toponav.envs.regions import assign_regions
 
 _DOOR = "MZDOOR"
 # More paintings or marked walls than this are reused, which keeps large mazes small.
 _MOST_PAINTINGS = _MOST_MARKED = 256
-# About this many cells look alike; more would leave long corridors without landmarks.
-_CELLS_PER_REGION = 9
 # Neighbouring regions get hues far apart: the golden ratio's fractions.
 _HUE_STEP = (5**0.5 - 1) / 2
 
@@ -81,28 +79,6 @@ def compile_maze(
         ("ENDMAP", b""),
     ]
     return CompiledMaze(build_wad(lumps), map_name)
-
-
-def assign_regions(
-    layout: Layout, generator: np.random.Generator
-) -> tuple[dict[Cell, int], int]:
-    """Region of every open cell, and the number of regions, all of similar size.
-
-    Random seed cells, kept apart by taking the farthest cell each time, collect the
-    cells that are nearest to them by geodesic distance.
-    """
-    graph = layout.graph()
-    num_regions = max(1, round(layout.num_cells / _CELLS_PER_REGION))
-    first = layout.cells[generator.integers(layout.num_cells)]
-    nearest = dict.fromkeys(layout.cells, 0)
-    distance = nx.single_source_shortest_path_length(graph, first)
-    for region in range(1, num_regions):
-        seed = max(layout.cells, key=distance.__getitem__)
-        closer = nx.single_source_shortest_path_length(graph, seed)
-        for cell, length in closer.items():
-            if length < distance[cell]:
-                nearest[cell], distance[cell] = region, length
-    return nearest, num_regions
 
 
 def _decorate_surfaces(

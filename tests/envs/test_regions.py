@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from tests.envs.layouts import drawn_layouts, random_layouts
 from toponav.envs import Layout, load_maze
-from toponav.envs.engines.doom.level.compile import assign_regions
+from toponav.envs.regions import assign_regions
 
 
 @settings(max_examples=60, deadline=None)
