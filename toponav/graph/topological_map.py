@@ -265,7 +265,7 @@ class TopologicalMap:
         self.waypoints.load_state_dict(state)
         self.graph.load_state_dict(state, self.num_waypoints)
         self.network_version = state["network_version"]
-        self.discovery.clear()
+        self.discovery.forget()
 
 
 def sparsify(topological_map: TopologicalMap, *, tolerance: float = 0.1) -> Tensor:
