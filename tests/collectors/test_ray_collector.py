@@ -50,6 +50,7 @@ def cluster(monkeypatch_module: pytest.MonkeyPatch) -> Iterator[Any]:
 def monkeypatch_module() -> Iterator[pytest.MonkeyPatch]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        patch.setenv("RAY_worker_niceness", "0")
         yield patch
 
 
@@ -68,7 +69,7 @@ def make_collector(
         frames_per_batch=ENVS * 8 * (2 if sync else 1),
         collector_kwargs=[dict(each), dict(each)],
         sync=sync,
-        max_idle_s=120,
+        max_idle_s=250,
     )
 
 

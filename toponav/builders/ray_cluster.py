@@ -53,8 +53,10 @@ def join_cluster(address: str | None, *, workers: int) -> None:
     """
     quiet: dict[str, Any] = {"logging_level": "error", "log_to_driver": False}
     if address is None:
-        # Nothing of a run is sent to the makers of Ray.
+        # Nothing of a run is sent to the makers of Ray, whose workers would by default
+        # wait for every other program.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        os.environ.setdefault("RAY_worker_niceness", "0")
         quiet |= {"num_cpus": workers, "include_dashboard": False}
     main = threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGTERM)

@@ -118,8 +118,8 @@ class LastingRayCollector(RayCollector):
             starts = list(self._starting)
             if starts:
                 starts, _ = ray.wait(starts, num_returns=len(starts), timeout=0)
-            begun = [self._begin(start) for start in starts]
-            for worker in sorted({*made, *begun} - {None}):
+            begun = map(self._begin, starts)
+            for worker in sorted([*made, *(one for one in begun if one is not None)]):
                 self._call(worker)
 
     def _call(self, worker: int) -> None:
