@@ -42,7 +42,7 @@ def cluster(monkeypatch_module: pytest.MonkeyPatch) -> Iterator[Any]:
         ray.shutdown()
         found.shutdown()
     children = psutil.Process().children(recursive=True)
-    left = [one for one in children if "ray" in " ".join(one.cmdline())]
+    left = [one for one in children if "/ray/" in " ".join(one.cmdline())]
     assert not psutil.wait_procs(left, timeout=20)[1]
 
 

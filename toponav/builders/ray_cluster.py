@@ -66,7 +66,7 @@ def join_cluster(address: str | None, *, workers: int) -> None:
         raise _unusable(address, error) from error
     finally:
         # Ray's own would end the run before it has saved its state.
-        if main:
+        if main and before is not None:
             signal.signal(signal.SIGTERM, before)
     cores = int(ray.cluster_resources().get("CPU", 0))
     if workers > cores:

@@ -1,6 +1,7 @@
 """`LastingRayCollector`: TorchRL's collector on a Ray cluster, which outlives nodes."""
 
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
@@ -64,15 +65,17 @@ class LastingRayCollector(RayCollector):
         # Number of the first trajectory of each, and how many have been given one.
         self._first = {worker: worker * _TRAJECTORIES for worker in self._starts}
         self._num_started = len(self._starts)
-        super().__init__(
-            create_env_fn,
-            collector_class=PreparedCollector,
-            collector_kwargs=collector_kwargs,
-            remote_configs=_WORKER,
-            # The mailbox brings the weights.
-            weight_sync_schemes={},
-            **arguments,
-        )
+        with warnings.catch_warnings():
+            # It misses the weights of a policy, which the mailbox brings.
+            warnings.simplefilter("ignore", UserWarning)
+            super().__init__(
+                create_env_fn,
+                collector_class=PreparedCollector,
+                collector_kwargs=collector_kwargs,
+                remote_configs=_WORKER,
+                weight_sync_schemes={},
+                **arguments,
+            )
         try:
             ready = [one.__ray_ready__.remote() for one in self.remote_collectors]
             for start in self._wait(ready, len(ready)):
@@ -91,7 +94,9 @@ class LastingRayCollector(RayCollector):
     def _collect_apart(self) -> Iterator[TensorDictBase]:
         """Batches of single workers, in the order in which they are done."""
         while self._calls or self._starting:
-            (first,) = self._wait([*self._calls, *self._starting], 1)
+            # Of two that are done Ray may name the later one; a worker has an order.
+            calls = {of: call for call, of in reversed(self._calls.items())}
+            (first,) = self._wait([*calls.values(), *self._starting], 1)
             if first in self._starting:
                 if (worker := self._begin(first)) is not None:
                     self._call(worker)

@@ -76,10 +76,6 @@ class RayMailbox:
                 target[key].copy_(value)
         return int(version)
 
-    def close(self) -> None:
-        """End the actor; nothing can be pulled any more."""
-        ray.kill(self._board)
-
     def _post(self, name: str, version: int, module: Weights) -> None:
         found = tensors_that_fit(self._shapes, name, module)
         tensors = {key: value.cpu() for key, value in found.items()}
