@@ -61,7 +61,8 @@ def join_cluster(address: str | None, *, workers: int) -> None:
     main = threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGTERM)
     try:
-        ray.init(address=address, **quiet)
+        # Without "local" it would join a cluster of others that runs on this machine.
+        ray.init(address=address or "local", **quiet)
     except (RuntimeError, OSError, ValueError) as error:
         raise _unusable(address, error) from error
     finally:
@@ -77,5 +78,8 @@ def join_cluster(address: str | None, *, workers: int) -> None:
 
 def _unusable(address: str | None, error: Exception) -> SettingsError:
     reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+    if address is None:
+        rule = "collect.backend=ray must be able to start Ray on this machine"
+        return SettingsError(f"{rule}, got: {reason}")
     rule = "ray.address must name a Ray cluster that this machine can reach"
     return SettingsError(f"{rule}, got {address} ({reason})")
