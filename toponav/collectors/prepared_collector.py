@@ -18,6 +18,8 @@ class PreparedCollector(MailboxCollector):
         episodes: what `running_episodes` returned of the one to continue.
     """
 
+    _is_built = False
+
     def __init__(
         self,
         create_env_fn: Any,
@@ -33,3 +35,9 @@ class PreparedCollector(MailboxCollector):
         super().__init__(create_env_fn, policy, worker_idx=worker_idx, **arguments)
         if episodes is not None:
             self.resume_episodes(episodes)
+        self._is_built = True
+
+    def __bool__(self) -> bool:
+        # Ray describes an actor that is true beside what its __init__ raised, and ends
+        # it without that if TorchRL's description of a half-built one raises, too.
+        return self._is_built
