@@ -85,7 +85,8 @@ def make_explore_collector(
     shared = {"use_buffers": True, "auto_register_policy_transforms": False}
     make: Callable[..., BaseCollector]
     if collect.backend == "ray":
-        own: Sequence[Mapping[str, Any] | None] = episodes or [None] * collect.workers
+        own: Sequence[Mapping[str, Any] | None]
+        own = [None] * collect.workers if episodes is None else episodes
         each = [{"prepare": prepare, "episodes": one, **shared} for one in own]
         make = partial(
             LastingRayCollector,
