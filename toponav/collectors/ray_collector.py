@@ -76,6 +76,10 @@ class LastingRayCollector(RayCollector):
                 weight_sync_schemes={},
                 **arguments,
             )
+
+    def add_collectors(self, *arguments: Any) -> None:
+        super().add_collectors(*arguments)
+        # TorchRL would wait for them without an end, and say nothing of why.
         try:
             ready = [one.__ray_ready__.remote() for one in self.remote_collectors]
             for start in self._wait(ready, len(ready)):
