@@ -21,7 +21,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ray.cluster_utils import Cluster
+try:
+    from ray.cluster_utils import Cluster
+except ImportError:  # main says so
+    Cluster = None
 
 EXPLORE = Path(__file__).resolve().parent.parent / "recipes" / "explore.py"
 SETTINGS = (
@@ -87,6 +90,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
     arguments = parser.parse_args()
+    if Cluster is None:
+        parser.error("Ray must be installed: pip install 'toponav[ray]'")
     arguments.folder.mkdir(parents=True, exist_ok=True)
     folder, decisions = arguments.folder.resolve(), arguments.decisions
     found: dict[str, Any] = {"settings": [*SETTINGS, *arguments.overrides], "runs": []}

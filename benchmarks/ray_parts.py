@@ -21,7 +21,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import ray
 import torch
 from explore_speed import PROFILES, make_settings
 from tensordict import TensorDictBase
@@ -38,6 +37,11 @@ from toponav.training import (
     needed_keys,
     prepare_worker,
 )
+
+try:
+    import ray
+except ImportError:  # main says so
+    ray = None
 
 REPEATS = 30
 
@@ -140,6 +144,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
     arguments = parser.parse_args()
+    if ray is None:
+        parser.error("Ray must be installed: pip install 'toponav[ray]'")
     prepare_process(threads=1)
     torch.manual_seed(0)
     settings = make_settings(arguments.profile, arguments.overrides)

@@ -163,7 +163,7 @@ class LastingRayCollector(RayCollector):
         self._calls = {one: of for one, of in self._calls.items() if of != worker}
         self._deaths[worker] += 1
         goes_on = self._deaths[worker] < _MOST_DEATHS
-        reason = str(error).strip().splitlines()[0]
+        reason = str(error).strip().splitlines()[0].partition(". ")[0]
         follows = "is started again when there is room" if goes_on else "is given up"
         sentence = f"a collecting process was lost with its decisions and {follows}"
         tqdm.write(f"{sentence} (number {worker}: {reason})", sys.stderr)
