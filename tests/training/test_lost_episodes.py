@@ -39,3 +39,14 @@ def test_no_edge_joins_what_was_lost_to_the_next_episode(start: int) -> None:
     joined = bool((before[:, 0] != before[:, 1]).any())
     # What follows on is joined, what begins at 0 is not.
     assert joined == (start == 32)
+
+
+@pytest.mark.parametrize("start", [0, 32])
+def test_no_walk_goes_over_what_was_lost(start: int) -> None:
+    config = settings("map.poses=true")
+    growth = make_growth(config)
+    growth.extend(make_walk(config, start=0, seed=1))
+    growth.extend(make_walk(config, start=start, seed=2))
+    assert growth.walks is not None
+    lengths = [len(walk.actions) for walk in growth.walks.all()]
+    assert lengths == ([64] * 4 if start else [32] * 8)

@@ -1,6 +1,6 @@
 """`TopologicalMap`, built from what explorers see; `sparsify` makes it smaller."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -247,6 +247,12 @@ class TopologicalMap:
             "tc_threshold": self.rules.tc_threshold,
             "tc_reach": self.rules.tc_reach,
         }
+
+    def end_episodes(self, envs: Collection[int]) -> None:
+        """What these environments see next begins new episodes, as after an end."""
+        self.discovery.forget(envs)
+        if self.walks is not None:
+            self.walks.end(envs)
 
     def running_episodes(self) -> dict[str, Any]:
         """Those that are not finished, which `state_dict` leaves out."""

@@ -129,7 +129,7 @@ class MapGrowth(Consumer):
             self.truth.poses.remember(batch)
         # A process that died took along what was left of its episodes.
         begins = batch.get(keys.IS_INIT)[:, 0, 0]
-        self.map.discovery.forget(batch.get(keys.ENV_ID)[begins, 0, 0].tolist())
+        self.map.end_episodes(batch.get(keys.ENV_ID)[begins, 0, 0].tolist())
         new_waypoints = self.map.extend(batch)
         views = self.growth[-1][0] + batch.numel()
         self.growth.append((views, len(self.map.waypoints)))
