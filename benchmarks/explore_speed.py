@@ -42,7 +42,6 @@ from toponav.builders import (
     prepare_process,
     stop_collector,
 )
-from toponav.collectors import Mailbox
 from toponav.config import ExploreConfig
 from toponav.keys import NETWORK_PIXELS
 from toponav.methods import (
@@ -57,6 +56,7 @@ from toponav.training import (
     Explorer,
     make_explore_collector,
     make_explore_env,
+    make_mailbox,
     needed_keys,
     publish,
 )
@@ -111,7 +111,7 @@ def run_all_in(
     seconds: float,
 ) -> tuple[float, float, TensorDictBase]:
     """Explore and learn; the best and the mean rate, and the last batch."""
-    mailbox = Mailbox(explorer.modules())
+    mailbox = make_mailbox(settings, explorer, {})
     # Batches hold what the log of a run reads too, as in the recipe.
     log = EpisodeLog(settings.collect.envs, world, explorer.reward)
     keep = needed_keys({"episodes": log, "learner": learner, "reward": explorer.reward})

@@ -3,6 +3,7 @@
     python recipes/explore.py maze=maze3 reward.alpha=0.2
     python recipes/explore.py maze=maze1 pretrained=runs/pretrain/maze1-...
     python recipes/explore.py reward=rnd
+    python recipes/explore.py collect.backend=ray ray.address=<host>:6379
     python recipes/explore.py resume=runs/explore/maze3-...
     python recipes/explore.py -m maze=maze1,maze2,maze3 seed=0,1,2
 
@@ -28,7 +29,6 @@ from pathlib import Path
 import torch
 
 from toponav import builders, methods, reports, training
-from toponav.collectors import Mailbox
 from toponav.config import ExploreConfig
 from toponav.launch import recipe
 from toponav.runs import stop_requests
@@ -40,6 +40,7 @@ PRETRAIN = Path(__file__).with_name("pretrain.py")
 def main(settings: ExploreConfig, folder: Path) -> None:
     """Find networks if they are needed, explore, evaluate."""
     builders.prepare_process(threads=settings.threads)
+    builders.require_cluster(settings)
 
     # The world, policies that see nothing in it, networks if this reward needs them.
     world, networks = methods.make_world(settings), None
@@ -67,8 +68,8 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     else:
         training.save_exploration(folder, state, consumers)
 
-    # Other processes explore, with weights from a mailbox.
-    mailbox = Mailbox(explorer.modules(), versions=state.versions)
+    # Other processes explore, here or on other machines, with weights from a mailbox.
+    mailbox = training.make_mailbox(settings, explorer, state.versions)
     collector = training.make_explore_collector(
         settings,
         world,

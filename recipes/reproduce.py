@@ -4,6 +4,7 @@
     python recipes/reproduce.py experiment=table7 seeds=3
     python recipes/reproduce.py experiment=fig14 make=false
     python recipes/reproduce.py -m experiment=table3,table7
+    python recipes/reproduce.py -m worker=0,1,2,3 hydra/launcher=submitit_slurm
 
 ``conf/experiment`` says which methods, mazes and columns a table has. Runs with the
 settings that it needs are looked for in ``runs``, whoever made them; those that are

@@ -2,6 +2,7 @@
 
 import time
 from functools import partial
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -18,9 +19,10 @@ from toponav.collectors import (
     Mailbox,
     MailboxCollector,
     PatientAsyncCollector,
+    RayMailbox,
     Subscription,
 )
-from toponav.keys import NETWORKS_VERSION, PIXELS, POLICY_VERSION
+from toponav.keys import NETWORKS_VERSION, PIXELS, POLICY_VERSION, TRAJECTORY
 
 #: Weights long enough that a copy takes a while.
 SIZE = 200_000
@@ -116,6 +118,9 @@ SUBSCRIPTIONS = (
 )
 
 
+KEPT = ["action", "policy_says", ("next", "networks_say"), TRAJECTORY]
+
+
 def make_workers(mailbox: Mailbox, num_workers: int) -> PatientAsyncCollector:
     return PatientAsyncCollector(
         [make_env] * num_workers,
@@ -128,6 +133,15 @@ def make_workers(mailbox: Mailbox, num_workers: int) -> PatientAsyncCollector:
             MailboxCollector,
             mailbox=mailbox,
             subscriptions=SUBSCRIPTIONS,
-            keep=["action", "policy_says", ("next", "networks_say")],
+            keep=KEPT[:3],
         ),
     )
+
+
+def prepare(
+    worker_idx: int, start: int, *, mailbox: RayMailbox, starts: int = 99
+) -> dict[str, Any]:
+    """What a worker's collector is made of, anywhere in a cluster."""
+    if start >= starts:
+        raise ValueError("there are no more starts")
+    return {"mailbox": mailbox, "subscriptions": SUBSCRIPTIONS, "keep": KEPT}

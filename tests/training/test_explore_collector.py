@@ -1,15 +1,16 @@
 """A collecting process's collector, built in this process."""
 
+from functools import partial
+
 import torch
 
 from tests import foreign_world  # noqa: F401
 from tests.exploring import explore_settings, world_of
 from toponav.builders import make_networks
-from toponav.collectors import Mailbox
+from toponav.collectors import Mailbox, PreparedCollector
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
 from toponav.methods import LEARNERS, make_reward
-from toponav.training import Explorer
-from toponav.training.explore_collector import make_worker_collector, make_worker_env
+from toponav.training import Explorer, make_worker_env, prepare_worker
 
 WORLD = ("world=gym", "world.id=tests.foreign_world:ForeignWorld-v0")
 
@@ -22,14 +23,17 @@ def test_a_new_version_embeds_the_first_views_too() -> None:
     policy = LEARNERS[settings.loss.name].make_policy(settings, world)
     explorer = Explorer(policy, make_reward(settings, world, networks), networks)
     mailbox = Mailbox(explorer.modules())
-    collector = make_worker_collector(
-        make_worker_env,
+    prepare = partial(
+        prepare_worker,
         settings=settings,
         world=world,
         mailbox=mailbox,
         keep=[EMBEDDING, NETWORK_PIXELS],
         decisions=0,
-        episodes=None,
+    )
+    collector = PreparedCollector(
+        make_worker_env,
+        prepare=prepare,
         worker_idx=0,
         policy=LEARNERS[settings.loss.name].make_policy(settings, world),
         frames_per_batch=2 * settings.loss.rollout,

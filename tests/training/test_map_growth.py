@@ -97,7 +97,7 @@ def test_interaction_counts_all_until_every_cell_is_covered() -> None:
     assert batch.numel() > num_cells
     growth.extend(batch[:1])
     assert math.isnan(growth.truth.decisions_to_cover)
-    growth.extend(make_walk(config, seed=1))
+    growth.extend(make_walk(config, start=32, seed=1))
     # 32 decisions of one environment, then 4 times 32.
     assert growth.truth.decisions_to_cover == 160
     growth.extend(make_walk(config, seed=3))

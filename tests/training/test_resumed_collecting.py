@@ -1,8 +1,10 @@
 """A collector goes on where another one was, on an engine without processes."""
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -13,22 +15,20 @@ from tests.envs import fake_engine
 from tests.exploring import explore_settings, world_of
 from tests.test_explore import require_same
 from toponav.builders import make_networks
-from toponav.collectors import Mailbox, MailboxCollector
+from toponav.collectors import Mailbox, MailboxCollector, PreparedCollector
 from toponav.config import ExploreConfig
 from toponav.envs import ENGINES
 from toponav.methods import LEARNERS, make_reward
 from toponav.training import (
     ExplorationState,
+    Explorer,
     make_consumers,
     make_learner,
+    make_worker_env,
+    prepare_worker,
     publish,
     restore_exploration,
     save_exploration,
-)
-from toponav.training.explore_collector import (
-    Explorer,
-    make_worker_collector,
-    make_worker_env,
 )
 
 SMALL = ("engine=fake", "maze=maze1", "policy.view_size=36", "loss.rollout=16")
@@ -61,22 +61,27 @@ def make_explorer(config: ExploreConfig) -> Explorer:
 
 
 def make_collector(
-    config: ExploreConfig, mailbox: Mailbox, **given: object
+    config: ExploreConfig, mailbox: Mailbox, **given: Any
 ) -> MailboxCollector:
     world = world_of(config)
-    arguments = {"decisions": 0, "episodes": None, **given}
-    return make_worker_collector(
-        make_worker_env,
+    episodes: Sequence[Mapping[str, Any]] = given.pop("episodes", None) or [None]
+    prepare = partial(
+        prepare_worker,
         settings=config,
         world=world,
         mailbox=mailbox,
+        **{"decisions": 0, "keep": None, **given},
+    )
+    return PreparedCollector(
+        make_worker_env,
+        prepare=prepare,
         worker_idx=0,
+        episodes=episodes[0],
         policy_factory=lambda: LEARNERS[config.loss.name].make_policy(config, world),
         frames_per_batch=config.collect.envs * config.loss.rollout,
         use_buffers=True,
         return_same_td=True,
         auto_register_policy_transforms=False,
-        **arguments,
     )
 
 

@@ -74,3 +74,7 @@ from toponav.builders.protocols import (
     RewardMethod as RewardMethod,
     World as World,
 )
+from toponav.builders.ray_cluster import (
+    join_cluster as join_cluster,
+    require_cluster as require_cluster,
+)

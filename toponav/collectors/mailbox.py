@@ -14,6 +14,8 @@ from toponav.keys import ENV_ID
 
 #: What is published: a module (parameters and persistent buffers), or tensors by name.
 Weights = nn.Module | Mapping[str, Tensor]
+#: Shapes of tensors by name.
+Shapes = dict[str, list[int]]
 
 # The stamp is odd while a publication is being written.
 _WRITING = 1
@@ -94,23 +96,38 @@ class Mailbox:
             time.sleep(1e-4)
 
     def _matching(self, name: str, module: Weights) -> Mapping[str, Tensor]:
-        if name not in self._slots:
-            known = ", ".join(self.names)
-            raise MailboxError(f"name must be one of {known}, got '{name}'")
-        tensors = tensors_of(module)
-        held = {key: list(slot.shape) for key, slot in self._slots[name].items()}
-        given = {key: list(value.shape) for key, value in tensors.items()}
-        for key in held | given:
-            shape, other = held.get(key, "nothing"), given.get(key, "nothing")
-            if shape != other:
-                raise MailboxError(f"{key} in '{name}' must be {shape}, got {other}")
-        return tensors
+        held = {key: shapes_of(slot) for key, slot in self._slots.items()}
+        return tensors_that_fit(held, name, module)
 
 
 def tensors_of(module: Weights) -> dict[str, Tensor]:
     """Parameters and persistent buffers by name: the module's own memory, detached."""
     entries = module.state_dict() if isinstance(module, nn.Module) else module
     return {name: value for name, value in entries.items() if isinstance(value, Tensor)}
+
+
+def shapes_of(weights: Mapping[str, Tensor]) -> Shapes:
+    """The shapes of tensors by their names."""
+    return {key: list(value.shape) for key, value in weights.items()}
+
+
+def tensors_that_fit(
+    held: Mapping[str, Shapes], name: str, module: Weights
+) -> Mapping[str, Tensor]:
+    """The tensors of a module, of the shapes that are held under its name.
+
+    Raises:
+        MailboxError: if there is no such name, or a shape differs.
+    """
+    if name not in held:
+        raise MailboxError(f"name must be one of {', '.join(held)}, got '{name}'")
+    tensors = tensors_of(module)
+    given = shapes_of(tensors)
+    for key in held[name] | given:
+        shape, other = held[name].get(key, "nothing"), given.get(key, "nothing")
+        if shape != other:
+            raise MailboxError(f"{key} in '{name}' must be {shape}, got {other}")
+    return tensors
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ class ExploreCollectConfig(Settings):
     """Where the explorer's decisions come from."""
 
     group = "collect"
+    backend: str = one_of("local", "ray")
     mode: str = one_of("async", "sync")
     decisions: int = at_least(1)
     minutes: float | None = above(0)
@@ -52,6 +53,21 @@ class ExploreCollectConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_multiple("collect.envs", self.envs, "collect.workers", self.workers)
+
+
+@dataclass
+class RayConfig(Settings):
+    """The machines that collect with ``collect.backend=ray``."""
+
+    group = "ray"
+    address: str | None = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        host, _, port = (self.address or "localhost:0").rpartition(":")
+        good = bool(host) and "/" not in host and port.isdigit() and int(port) < 2**16
+        rule = "ray.address must be null or the <host>:<port> of a Ray cluster"
+        require(good, rule, f"'{self.address}'")
 
 
 @dataclass
@@ -160,6 +176,7 @@ class ExploreConfig(Settings):
     policy: PolicyConfig = MISSING
     loss: LearnerConfig = MISSING
     collect: ExploreCollectConfig = MISSING
+    ray: RayConfig = MISSING
     online: OnlineConfig = MISSING
     locomotion: LocomotionConfig = MISSING
     map: MapConfig = MISSING

@@ -80,6 +80,7 @@ class ReproduceConfig(Settings):
     runs: str = MISSING
     folder: str = MISSING
     jobs: int = at_least(1)
+    worker: int = at_least(0)
     make: bool = MISSING
     poll_s: float = above(0)
     draws: int = at_least(1)

@@ -1,7 +1,7 @@
 """`Discovery`: which observations become waypoints, and which edges join them."""
 
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -46,8 +46,10 @@ class Discovery:
         # Whether an episode gave the map its direction.
         self._has_direction = False
 
-    def clear(self) -> None:
-        self._tracks.clear()
+    def forget(self, envs: Iterable[int] | None = None) -> None:
+        """Drop the unfinished episodes of environments, or all."""
+        for env in list(self._tracks) if envs is None else envs:
+            self._tracks.pop(env, None)
 
     def running_episodes(self) -> dict[str, Any]:
         tracks = [dict(vars(track)) for track in self._tracks.values()]

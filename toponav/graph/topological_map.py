@@ -1,6 +1,6 @@
 """`TopologicalMap`, built from what explorers see; `sparsify` makes it smaller."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -248,6 +248,12 @@ class TopologicalMap:
             "tc_reach": self.rules.tc_reach,
         }
 
+    def end_episodes(self, envs: Collection[int]) -> None:
+        """What these environments see next begins new episodes, as after an end."""
+        self.discovery.forget(envs)
+        if self.walks is not None:
+            self.walks.end(envs)
+
     def running_episodes(self) -> dict[str, Any]:
         """Those that are not finished, which `state_dict` leaves out."""
         walks = {} if self.walks is None else {"walks": self.walks.running_episodes()}
@@ -265,7 +271,7 @@ class TopologicalMap:
         self.waypoints.load_state_dict(state)
         self.graph.load_state_dict(state, self.num_waypoints)
         self.network_version = state["network_version"]
-        self.discovery.clear()
+        self.discovery.forget()
 
 
 def sparsify(topological_map: TopologicalMap, *, tolerance: float = 0.1) -> Tensor:

@@ -1,6 +1,6 @@
 """`Trajectories`: what environments saw and did, view by view."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,12 @@ class Trajectories:
             self._running.setdefault(piece.env, []).append(piece)
             if piece.ends:
                 self._close(piece.env)
+
+    def end(self, envs: Iterable[int]) -> None:
+        """What these environments see next does not follow on their last views."""
+        for env in envs:
+            if env in self._running:
+                self._close(env)
 
     def _close(self, env: int) -> None:
         walk = self._join(env)

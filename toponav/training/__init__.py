@@ -27,10 +27,17 @@ from toponav.training.episode_log import (
     mean_of as mean_of,
 )
 from toponav.training.explore_collector import (
+    make_explore_collector as make_explore_collector,
+    make_mailbox as make_mailbox,
+)
+from toponav.training.explore_worker import (
+    make_worker_env as make_worker_env,
+    prepare_worker as prepare_worker,
+)
+from toponav.training.explorer import (
     COVERAGE_LEVELS as COVERAGE_LEVELS,
     Explorer as Explorer,
     make_coverage as make_coverage,
-    make_explore_collector as make_explore_collector,
     make_explore_env as make_explore_env,
     publish as publish,
 )

@@ -66,6 +66,11 @@ class EpisodeLog(Consumer):
         rewards = torch.stack(summed).double()
         done, envs = later.get(keys.DONE).squeeze(-1), batch.get(keys.ENV_ID)[:, 0, 0]
         self.ended = []
+        # A process that died took along what was left of its episodes.
+        begins = later.get("step_count")[:, 0, 0] == 1
+        self._totals[:, envs[begins]] = 0.0
+        if bool((envs[begins] == 0).any()):
+            self._pieces = []
         start = torch.zeros(len(envs), dtype=torch.int64)
         for row, time in done.nonzero().tolist():
             span = slice(int(start[row]), time + 1)

@@ -111,7 +111,7 @@ class MapGrowth(Consumer):
         self.rows: list[Row] = []
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
-        later = ("next", keys.DONE), ("next", keys.REWARD)
+        later = ("next", keys.DONE), ("next", keys.REWARD), keys.IS_INIT
         turns = self.config.turn_tolerance is not None or self.effects is not None
         done = (keys.ACTION,) if turns else ()
         self.in_keys = [keys.EMBEDDING, keys.NETWORK_PIXELS, *done, *places, *later]
@@ -127,6 +127,9 @@ class MapGrowth(Consumer):
                 return {}
         if self.truth is not None:
             self.truth.poses.remember(batch)
+        # A process that died took along what was left of its episodes.
+        begins = batch.get(keys.IS_INIT)[:, 0, 0]
+        self.map.end_episodes(batch.get(keys.ENV_ID)[begins, 0, 0].tolist())
         new_waypoints = self.map.extend(batch)
         views = self.growth[-1][0] + batch.numel()
         self.growth.append((views, len(self.map.waypoints)))
