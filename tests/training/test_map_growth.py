@@ -308,6 +308,7 @@ def through_the_ring(config, growth, *, env, length=300):
     batch = TensorDict({keys.EMBEDDING: seen.embeddings.float()[None]}, [1, length])
     batch[keys.ACTION] = seen.actions[None]
     batch[keys.ENV_ID] = torch.full((1, length, 1), env)
+    batch[keys.IS_INIT] = torch.arange(length).reshape(1, -1, 1) == 0
     batch[keys.NETWORK_PIXELS] = torch.zeros(1, length, 4, 4, 3, dtype=torch.uint8)
     place, cell = poses[None, :, :2], growth.truth._metric.cell_size
     # Its 16 steps are put into the middle of one cell: the maze judges nothing here.

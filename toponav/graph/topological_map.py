@@ -232,7 +232,7 @@ class TopologicalMap:
         self.waypoints.keep(kept)
         self.waypoints.headings = headings
         self.graph.rebuild(len(kept), moves)
-        self.discovery.clear()
+        self.discovery.forget()
 
     def state_dict(self, *, views: bool = True) -> dict[str, Any]:
         """Everything but the networks and the episodes that are not finished.
