@@ -26,10 +26,8 @@ from toponav.graph.navigation import (
 from toponav.graph.pieces import MapKeys as MapKeys
 from toponav.graph.poses import PoseRules as PoseRules
 from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
-from toponav.graph.topological_map import (
-    TopologicalMap as TopologicalMap,
-    sparsify as sparsify,
-)
+from toponav.graph.sparsify import sparsify as sparsify
+from toponav.graph.topological_map import TopologicalMap as TopologicalMap
 from toponav.graph.trajectories import Trajectories as Trajectories
 from toponav.graph.views import (
     ViewFile as ViewFile,

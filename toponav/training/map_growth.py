@@ -2,17 +2,14 @@
 
 import copy
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from matplotlib.figure import Figure
 from tensordict import TensorDictBase
-from torch import Tensor
 from tqdm import tqdm
 
 from toponav import keys
@@ -36,22 +33,17 @@ from toponav.graph import (
     TopologicalMap,
     ViewFile,
     consolidate,
-    decode_view,
     save_map,
     sparsify,
 )
-from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.metrics import (
-    FALSE_EDGE_CELLS,
-    covered_cells,
-    edge_lengths,
     map_parts,
-    map_quality,
     waypoint_shares,
 )
-from toponav.plotting import FloorPlan, draw_graph, draw_topological_map, save_figure
+from toponav.plotting import draw_graph, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
+from toponav.training.map_truth import MapTruth, Snapshot
 
 #: The file in a run folder that holds the views of the map's waypoints.
 VIEWS_FILE = "map_views.bin"
@@ -204,7 +196,7 @@ class MapGrowth(Consumer):
             return
         self.wait()
         version = self.map.network_version
-        snapshot = _Snapshot(
+        snapshot = Snapshot(
             {
                 "decisions": self.decisions,
                 "networks_version": version,
@@ -219,7 +211,7 @@ class MapGrowth(Consumer):
         )
         self._writing = self._thread.submit(self._write, folder, snapshot)
 
-    def _write(self, folder: Path, now: "_Snapshot") -> None:
+    def _write(self, folder: Path, now: Snapshot) -> None:
         row, edges = now.row, now.state["edges"]
         if self.truth is None:
             num = len(now.state["origins"])
@@ -233,7 +225,7 @@ class MapGrowth(Consumer):
         save_map(now.state, folder / MAP_FILE, about=about, views=now.views)
         save_figure(self._draw(now), folder / "topology.png", dpi=110)
 
-    def _draw(self, now: "_Snapshot") -> Figure:
+    def _draw(self, now: Snapshot) -> Figure:
         row = now.row
         parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
         title = f"{self.name} after {row['decisions']:,} decisions: "
@@ -259,75 +251,3 @@ class MapGrowth(Consumer):
         self.map.resume_episodes(state["map"])
         if self.truth is not None:
             self.truth.poses.last = state["poses"]
-
-
-@dataclass(frozen=True)
-class _Snapshot:
-    """A map at one moment, to be written while it grows."""
-
-    row: Row
-    state: dict[str, Any]  # without views
-    views: Iterator[Tensor | bytes]
-    shown: Iterator[Tensor | bytes]  # the same once more, for a picture
-    cost: Tensor  # of the edges, in the cheaper direction
-    poses: Tensor
-    decisions_to_cover: float
-
-    def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
-        """Views of some waypoints by their numbers; to be called once."""
-        wanted = {}
-        for number, view in enumerate(self.shown):
-            if number in numbers:
-                one = decode_view(view) if isinstance(view, bytes) else view
-                wanted[number] = one.numpy()
-        return wanted
-
-
-class MapTruth:
-    """Judges a map of a maze by the ground truth; no agent and no map reads it."""
-
-    def __init__(self, world: World) -> None:
-        assert world.layout is not None
-        mask = torch.as_tensor(world.layout.open_mask)
-        self.poses = WaypointPoses()
-        #: Decisions of the run until the map covered every cell, NaN until then.
-        self.decisions_to_cover = math.nan
-        cell_size = require_motion(world.spec).cell_size
-        self._metric = GroundTruthDistances(mask, cell_size=cell_size)
-        self._plan = FloorPlan(mask, cell_size=cell_size)
-
-    def place(self, origins: Tensor, decisions: int) -> None:
-        """Find the poses of new waypoints; see `WaypointPoses`."""
-        self.poses.extend(origins)
-        if not math.isnan(self.decisions_to_cover):
-            return
-        if bool(covered_cells(self._metric, self.poses.values).all()):
-            self.decisions_to_cover = float(decisions)
-
-    def measure(self, now: "_Snapshot", pretrained: float) -> Row:
-        """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
-        edges, cost = now.state["edges"], now.cost
-        quality = map_quality(self._metric, now.poses, edges, cost)
-        return {
-            "cells": int(self._metric.open_mask.sum()),
-            **vars(quality),
-            "decisions_to_cover": now.decisions_to_cover,
-            "interaction_to_encode": now.decisions_to_cover + pretrained,
-        }
-
-    def draw(self, now: "_Snapshot", title: str) -> Figure:
-        """The map over the plan."""
-        poses, edges = now.poses, now.state["edges"]
-        far = FALSE_EDGE_CELLS * self._metric.cell_size
-        spurious = edge_lengths(self._metric, poses, edges) > far
-        return draw_topological_map(
-            poses, edges, now.cost, spurious, plan=self._plan, title=title
-        )
-
-    def state_dict(self) -> dict[str, Any]:
-        cover = self.decisions_to_cover
-        return {"poses": self.poses.values, "decisions_to_cover": cover}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self.poses = WaypointPoses(state["poses"])
-        self.decisions_to_cover = state["decisions_to_cover"]

@@ -1,0 +1,90 @@
+"""`MapTruth`: judges a map by the ground truth, at one moment of its growth."""
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from toponav.builders import World
+from toponav.graph import decode_view
+from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
+from toponav.metrics import FALSE_EDGE_CELLS, covered_cells, edge_lengths, map_quality
+from toponav.plotting import FloorPlan, draw_topological_map
+from toponav.training.episode_log import Row
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A map at one moment, to be written while it grows."""
+
+    row: Row
+    state: dict[str, Any]  # without views
+    views: Iterator[Tensor | bytes]
+    shown: Iterator[Tensor | bytes]  # the same once more, for a picture
+    cost: Tensor  # of the edges, in the cheaper direction
+    poses: Tensor
+    decisions_to_cover: float
+
+    def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
+        """Views of some waypoints by their numbers; to be called once."""
+        wanted = {}
+        for number, view in enumerate(self.shown):
+            if number in numbers:
+                one = decode_view(view) if isinstance(view, bytes) else view
+                wanted[number] = one.numpy()
+        return wanted
+
+
+class MapTruth:
+    """Judges a map of a maze by the ground truth; no agent and no map reads it."""
+
+    def __init__(self, world: World) -> None:
+        assert world.layout is not None
+        mask = torch.as_tensor(world.layout.open_mask)
+        self.poses = WaypointPoses()
+        #: Decisions of the run until the map covered every cell, NaN until then.
+        self.decisions_to_cover = math.nan
+        cell_size = require_motion(world.spec).cell_size
+        self._metric = GroundTruthDistances(mask, cell_size=cell_size)
+        self._plan = FloorPlan(mask, cell_size=cell_size)
+
+    def place(self, origins: Tensor, decisions: int) -> None:
+        """Find the poses of new waypoints; see `WaypointPoses`."""
+        self.poses.extend(origins)
+        if not math.isnan(self.decisions_to_cover):
+            return
+        if bool(covered_cells(self._metric, self.poses.values).all()):
+            self.decisions_to_cover = float(decisions)
+
+    def measure(self, now: Snapshot, pretrained: float) -> Row:
+        """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
+        edges, cost = now.state["edges"], now.cost
+        quality = map_quality(self._metric, now.poses, edges, cost)
+        return {
+            "cells": int(self._metric.open_mask.sum()),
+            **vars(quality),
+            "decisions_to_cover": now.decisions_to_cover,
+            "interaction_to_encode": now.decisions_to_cover + pretrained,
+        }
+
+    def draw(self, now: Snapshot, title: str) -> Figure:
+        """The map over the plan."""
+        poses, edges = now.poses, now.state["edges"]
+        far = FALSE_EDGE_CELLS * self._metric.cell_size
+        spurious = edge_lengths(self._metric, poses, edges) > far
+        return draw_topological_map(
+            poses, edges, now.cost, spurious, plan=self._plan, title=title
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        cover = self.decisions_to_cover
+        return {"poses": self.poses.values, "decisions_to_cover": cover}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.poses = WaypointPoses(state["poses"])
+        self.decisions_to_cover = state["decisions_to_cover"]
