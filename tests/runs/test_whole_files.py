@@ -153,6 +153,8 @@ _KNOWN = {
     "toponav/runs/locks.py",  # locks
     "toponav/experiments/making.py",  # what a run prints, as it comes
     "toponav/envs/engines/doom/instances.py",  # an engine's own folder
+    "toponav/envs/engines/dmlab/engine.py",  # the log in an engine's own folder
+    "toponav/envs/engines/dmlab/child.py",  # a lock of the cache of compiled maps
 }
 
 
