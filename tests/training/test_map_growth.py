@@ -373,3 +373,17 @@ def test_no_walks_are_kept_where_poses_are_not_wanted_or_not_possible() -> None:
     assert make_growth(settings("map.poses=false")).map.walks is None
     online = settings("map.poses=true", "online.learn=true")
     assert make_growth(online).map.walks is None
+
+
+def test_a_map_whose_poses_do_not_fit_is_said_to_stay(pose_growth, capsys) -> None:
+    _, growth = pose_growth()
+    growth.effects = EFFECTS
+    # Two walks whose views have nothing in common.
+    waypoints = growth.map.waypoints
+    waypoints._compare = lambda one, many: torch.zeros(many.shape[:2])
+    for env in range(2):
+        through_the_ring(None, growth, env=env, length=60)
+    before = growth.map.num_waypoints
+    growth.consolidate()
+    assert growth.map.num_waypoints == before == growth.growth[-1][1]
+    assert "map: as it grew" in "".join(capsys.readouterr())

@@ -65,10 +65,6 @@ class Trajectories:
         """Those that ended, then those that go on."""
         return [*self._done, *map(self._join, self._running)]
 
-    def __len__(self) -> int:
-        """Views in all."""
-        return sum(len(walk.actions) for walk in self.all())
-
     def state_dict(self) -> dict[str, Any]:
         """All walks; those that go on end where they are."""
         return {"walks": [vars(walk) for walk in self.all()]}

@@ -172,6 +172,11 @@ class MapGrowth(Consumer):
             within=self.config.poses_within,
             above=self.config.poses_above,
         )
+        if len(kept) == self.growth[-1][1]:
+            tqdm.write(
+                "map: as it grew, since too few views fit together by their poses"
+            )
+            return
         # Of the waypoints after each batch, so many stayed.
         views, before = zip(*self.growth, strict=True)
         after = torch.searchsorted(kept, torch.tensor(before)).tolist()
