@@ -176,7 +176,7 @@ def grow(
             PoseRules(above=topological_map.rules.tc_threshold),
             within=config.poses_within,
             above=config.poses_above,
-        )
+        ).kept
         spent += time.process_time() - start
         poses.keep(kept)
         growth = [

@@ -66,8 +66,9 @@ def measure(run: Path, copy: Path, within: float | None) -> dict[str, Any]:
     """Make one of the maps, keep it in ``copy``, and judge it."""
     growth, cells = restore(run, copy, within)
     start = time.process_time()
-    if within is not None:
-        growth.consolidate()
+    views = None if within is None else growth.consolidate()
+    if views is not None:
+        growth.learn_places(*views, copy)
     seconds = time.process_time() - start
     growth.write(copy)
     growth.wait()

@@ -46,6 +46,11 @@ from toponav.builders.networks import (
     save_networks as save_networks,
     start_networks as start_networks,
 )
+from toponav.builders.places import (
+    PLACES_FILE as PLACES_FILE,
+    load_places as load_places,
+    save_places as save_places,
+)
 from toponav.builders.pretraining import (
     prepare_networks as prepare_networks,
     pretraining_decisions as pretraining_decisions,

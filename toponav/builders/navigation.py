@@ -15,12 +15,14 @@ from toponav.builders.collection import collect_rollout
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
+from toponav.builders.places import PLACES_FILE, load_places
 from toponav.builders.processes import seed_of
 from toponav.config import MazeConfig, NavigateConfig, refusing, require, run_setting
 from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
 from toponav.ground_truth import GroundTruthDistances, pick_goal_views, require_motion
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
+from toponav.modules import PlaceNetwork
 from toponav.policies import FrontierExpert
 from toponav.transforms import GoalViews, PreviousReward
 from toponav.worlds import WorldSpec
@@ -44,6 +46,8 @@ class AgentKnowledge:
     world: WorldSpec
     networks: Networks  # in eval() mode
     map: TopologicalMap  # built while exploring
+    #: Knows the map's waypoints by their views, if these have poses.
+    places: PlaceNetwork | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,8 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
         slot_cells=list(layout.slots.values()),
     )
     truth = GroundTruth(poses, layout, distances)
-    return AgentKnowledge(world, networks, topological_map), truth
+    places = _load_places(folder, topological_map.num_waypoints)
+    return AgentKnowledge(world, networks, topological_map, places), truth
 
 
 def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None:
@@ -109,6 +114,12 @@ def _load_map(folder: Path, networks: Networks) -> TopologicalMap:
     rule = "run must name an exploration whose map has waypoints"
     require(found.num_waypoints > 0, rule, f"an empty {MAP_FILE} in '{folder}'")
     return found
+
+
+def _load_places(folder: Path, num_places: int) -> PlaceNetwork | None:
+    if not (path := folder / PLACES_FILE).is_file():
+        return None
+    return load_places(path, num_places=num_places, setting="run")
 
 
 def _load_poses(folder: Path, num_waypoints: int) -> Tensor:

@@ -9,19 +9,27 @@ from toponav.graph.calibration import (
     calibrate_share as calibrate_share,
     share_curve as share_curve,
 )
-from toponav.graph.consolidation import consolidate as consolidate
+from toponav.graph.consolidation import (
+    Consolidation as Consolidation,
+    consolidate as consolidate,
+)
 from toponav.graph.map_file import (
     MapFileError as MapFileError,
     load_map as load_map,
     save_map as save_map,
 )
 from toponav.graph.navigation import (
+    BeliefRules as BeliefRules,
     Localiser as Localiser,
     Locomotion as Locomotion,
     Map as Map,
     Navigator as Navigator,
     Plan as Plan,
     Planner as Planner,
+    PoseBelief as PoseBelief,
+    PoseMap as PoseMap,
+    PoseNavigator as PoseNavigator,
+    to_the_middle as to_the_middle,
 )
 from toponav.graph.pieces import MapKeys as MapKeys
 from toponav.graph.poses import PoseRules as PoseRules

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -27,6 +28,17 @@ _KNOWN, _FIT = 0.8, 0.5
 _MARGIN = 1.0
 
 
+@dataclass(frozen=True)
+class Consolidation:
+    """What became of a map."""
+
+    kept: Tensor  # int64 [W']; numbers of the waypoints that stayed
+    #: Of the V views of all walks: embeddings ``[V, D]``, float16, and poses ``[V,
+    #: 3]``, steps, steps and degrees; both ``None`` where the map stayed as it was.
+    embeddings: Tensor | None = None
+    poses: Tensor | None = None
+
+
 @torch.no_grad()
 def consolidate(
     topological_map: TopologicalMap,
@@ -35,14 +47,13 @@ def consolidate(
     *,
     within: float,
     above: float,
-) -> Tensor:
+) -> Consolidation:
     """Make a map again of few of its waypoints, and of the moves between them.
 
     The poses of all views that the map was fed, its ``walks``, are estimated; those of
     its waypoints choose which of them stay (`choose_waypoints`), each view belongs to
     the nearest that it is like, and an edge joins two waypoints if a walk went from one
-    to the other. Returns the numbers of those that stay, int64 ``[W']``. Where no poses
-    are found, nothing changes.
+    to the other. Where no poses are found, nothing changes.
 
     Args:
         topological_map: one with walks; what was in progress is dropped.
@@ -53,15 +64,16 @@ def consolidate(
         above: similarity that it must have to it as well.
     """
     waypoints, walks = topological_map.waypoints, _known(topological_map)
-    every = torch.arange(len(waypoints))
+    unchanged = Consolidation(torch.arange(len(waypoints)))
     if len(walks) == 0 or not len(waypoints):
-        return every
+        return unchanged
     poses = estimate_poses(
         walks, effects, waypoints.compare, waypoints.entries_of, rules
     )
     if poses.known < _KNOWN or poses.fit < _FIT:
-        return every
-    views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1).double().numpy()
+        return unchanged
+    of_views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1)
+    views = of_views.double().numpy()
     places = views[rows := _rows_of_waypoints(topological_map, walks)]
     places[rows < 0] = np.nan
     turn = float(effects[:, 2].abs().max())
@@ -79,7 +91,7 @@ def consolidate(
         **limits,
     )
     if len(kept) < 2:
-        return every
+        return unchanged
     embeddings = torch.cat([walk.embeddings for walk in walks])
     chosen = waypoints.prepared[kept]
     near = nearest_waypoints(
@@ -91,9 +103,9 @@ def consolidate(
     )
     ends = np.cumsum([len(walk.actions) for walk in walks])[:-1]
     moves = count_moves(np.split(near, ends))
-    headings = torch.from_numpy(places[kept, 2] % 360).float()
-    topological_map.rebuild(torch.from_numpy(kept), moves, headings)
-    return torch.from_numpy(kept)
+    chosen_poses = torch.from_numpy(places[kept]).float()
+    topological_map.rebuild(torch.from_numpy(kept), moves, chosen_poses)
+    return Consolidation(torch.from_numpy(kept), embeddings, of_views)
 
 
 def _known(topological_map: TopologicalMap) -> list[Trajectory]:

@@ -25,6 +25,7 @@ from toponav.graph.views import encode_view
 _FORMAT, _VERSION = "toponav map", 2
 _NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
 _ARRAYS = ("embeddings", "prepared")
+_POSE = ("x", "y", "heading")
 _EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
 # Bytes that a file may hold for each of its own, and of any file: what is larger was
 # made to fill the memory. Most pixels along a view's side.
@@ -115,14 +116,16 @@ def _graph(
 
 
 def _nodes(state: Mapping[str, Any]) -> list[dict[str, float]]:
-    """A node a waypoint; ``heading`` is left out where it is not known."""
-    unknown = torch.full((len(state["origins"]),), torch.nan)
-    headings = state.get("headings", unknown)
-    rows = zip(state["origins"].tolist(), headings.tolist(), strict=True)
+    """A node a waypoint; ``x``, ``y``, ``heading`` are left out if not known."""
+    unknown = torch.full((len(state["origins"]), 1), torch.nan)
+    headings = state.get("headings", unknown[:, 0]).unsqueeze(1)
+    positions = state.get("positions", unknown.expand(-1, 2))
+    poses = torch.cat([positions, headings], 1).tolist()
+    rows = zip(state["origins"].tolist(), poses, strict=True)
     return [
         {"id": number, "environment": env, "observation": observation}
-        | ({} if math.isnan(heading) else {"heading": heading})
-        for number, ((env, observation), heading) in enumerate(rows)
+        | {name: one for name, one in zip(_POSE, pose, strict=True) if one == one}
+        for number, ((env, observation), pose) in enumerate(rows)
     ]
 
 
@@ -155,9 +158,12 @@ def _read(
     names = [_view_name(at) for at in range(len(nodes))] if graph["views"] else []
     state["images"] = _views([archive.read(name) for name in names], room)
     state["origins"] = _columns(nodes, "environment", "observation")
-    headings = [node.get("heading") for node in nodes]
-    _check(all(one is None or abs(one) < math.inf for one in headings), "no heading")
-    state["headings"] = torch.from_numpy(np.array(headings, np.float32))
+    poses = [[node.get(name) for name in _POSE] for node in nodes]
+    known = [one for pose in poses for one in pose if one is not None]
+    _check(all(abs(one) < math.inf for one in known), "no pose")
+    # None becomes NaN.
+    found = torch.from_numpy(np.array(poses, np.float32).reshape(-1, len(_POSE)))
+    state["positions"], state["headings"] = found[:, :2], found[:, 2]
     state["edges"] = _columns(edges, *_EDGE[:2])
     ends = {frozenset(pair) for pair in state["edges"].tolist() if len(set(pair)) == 2}
     _check(len(ends) == len(edges), "an edge twice, or from a waypoint to itself")

@@ -221,16 +221,18 @@ class TopologicalMap:
         return number
 
     def rebuild(
-        self, kept: Tensor, moves: Mapping[tuple[int, int], int], headings: Tensor
+        self, kept: Tensor, moves: Mapping[tuple[int, int], int], poses: Tensor
     ) -> None:
         """Keep some waypoints, and edges alone where there were ``moves``.
 
         ``kept``, int64 ``[W']``, are numbers of waypoints. ``moves`` have how often
-        agents went from one of them to another, by their new numbers, and ``headings``
-        ``[W']`` which way they look. Unfinished episodes are dropped.
+        agents went from one of them to another, by their new numbers, and ``poses``
+        ``[W', 3]`` where they are, in steps, and which way they look, in degrees.
+        Unfinished episodes are dropped.
         """
         self.waypoints.keep(kept)
-        self.waypoints.headings = headings
+        self.waypoints.positions = poses[:, :2].clone()
+        self.waypoints.headings = poses[:, 2] % 360
         self.graph.rebuild(len(kept), moves)
         self.discovery.forget()
 

@@ -18,7 +18,7 @@ _VIEWS, _PAIRS = 64, 8192
 #: What rounding may add to a similarity of 0 or 1.
 _ROUNDING = 1e-3
 #: What is kept of each waypoint, beside its view.
-_ARRAYS = ("embeddings", "prepared", "origins", "headings")
+_ARRAYS = ("embeddings", "prepared", "origins", "headings", "positions")
 
 
 class Waypoints:
@@ -47,6 +47,9 @@ class Waypoints:
         #: Degrees, float32 ``[W]``: which way each looks, seen from the first one; NaN
         #: if not known.
         self.headings = torch.empty(0)
+        #: Steps, float32 ``[W, 2]``: where each was seen, if poses were estimated; else
+        #: NaN.
+        self.positions = torch.empty(0, 2)
         self.views: Views = ViewsInMemory() if views is None else views
 
     def __len__(self) -> int:
@@ -56,6 +59,11 @@ class Waypoints:
     def images(self) -> Tensor:
         """The views, uint8 ``[W, H, W, C]``; empty if none were given."""
         return self.views.read(0, len(self.views))
+
+    @property
+    def poses(self) -> Tensor:
+        """Positions and headings, float32 ``[W, 3]``, NaN where they are not known."""
+        return torch.cat([self.positions, self.headings.unsqueeze(1)], 1)
 
     def add(
         self,
@@ -74,6 +82,8 @@ class Waypoints:
         self.prepared = torch.cat([self.prepared, self.entries(row)])
         self.origins = torch.cat([self.origins, origin.unsqueeze(0)])
         self.headings = torch.cat([self.headings, torch.tensor([heading])])
+        nowhere = torch.full((1, 2), torch.nan)
+        self.positions = torch.cat([self.positions, nowhere])
         if image is not None:
             self.views.append(image)
         return number
@@ -82,6 +92,7 @@ class Waypoints:
         """Remove all waypoints but those with numbers ``kept``, int64 ``[W']``."""
         self.embeddings, self.prepared = self.embeddings[kept], self.prepared[kept]
         self.origins, self.headings = self.origins[kept], self.headings[kept]
+        self.positions = self.positions[kept]
         if len(self.views):
             self.views.keep(kept.tolist())
 
@@ -96,11 +107,16 @@ class Waypoints:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Replace all waypoints by those of a `state_dict`.
 
-        States of earlier versions have no headings.
+        States of earlier versions have no headings, or no positions.
         """
-        unknown = torch.full((len(state["origins"]),), torch.nan)
-        for name in _ARRAYS:
-            setattr(self, name, state.get(name, unknown).clone())
+        number = len(state["origins"])
+        unknown = {
+            "headings": torch.full((number,), torch.nan),
+            "positions": torch.full((number, 2), torch.nan),
+        }
+        for name, array in (unknown | dict(state)).items():
+            if name in _ARRAYS:
+                setattr(self, name, array.clone())
         self.views.load_state_dict(state)
 
     @torch.no_grad()

@@ -19,3 +19,4 @@ from toponav.modules.pair_networks import (
     LocomotionHead as LocomotionHead,
     TCNetwork as TCNetwork,
 )
+from toponav.modules.place_network import PlaceNetwork as PlaceNetwork

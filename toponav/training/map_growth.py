@@ -10,12 +10,14 @@ from typing import Any
 import torch
 from matplotlib.figure import Figure
 from tensordict import TensorDictBase
+from torch import Tensor
 from tqdm import tqdm
 
 from toponav import keys
 from toponav.builders import (
     MAP_FILE,
     NETWORKS,
+    PLACES_FILE,
     POSES_FILE,
     Consumer,
     Networks,
@@ -26,6 +28,7 @@ from toponav.builders import (
     make_map,
     map_thresholds,
     pretraining_decisions,
+    save_places,
 )
 from toponav.config import ExploreConfig
 from toponav.graph import (
@@ -44,6 +47,7 @@ from toponav.plotting import draw_graph, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
 from toponav.training.map_truth import MapTruth, Snapshot
+from toponav.training.place_training import PlaceRules, train_places
 
 #: The file in a run folder that holds the views of the map's waypoints.
 VIEWS_FILE = "map_views.bin"
@@ -146,12 +150,13 @@ class MapGrowth(Consumer):
         before = self.map.num_waypoints, len(self.map.edges)
         if self.trains_online:
             self._embed(self.map.network_version + 1)
-        if self.effects is not None:
-            self.consolidate()
+        views = None if self.effects is None else self.consolidate()
         if tolerance is not None:
             numbers = sparsify(self.map, tolerance=tolerance)
             if self.truth is not None:
                 self.truth.poses.merge(numbers)
+        if views is not None:
+            self.learn_places(*views, folder)
         now = self.map.num_waypoints, len(self.map.edges)
         if now != before:
             tqdm.write(
@@ -162,27 +167,40 @@ class MapGrowth(Consumer):
             self.write(folder)
         self.wait()
 
-    def consolidate(self) -> None:
-        """Make the map again of few waypoints, by the poses of all its views."""
+    def consolidate(self) -> tuple[Tensor, Tensor] | None:
+        """Make the map again of few waypoints, by the poses of all its views.
+
+        Returns embeddings ``[V, D]`` and poses ``[V, 3]`` of these, or ``None`` if they
+        do not fit together.
+        """
         assert self.effects is not None
-        kept = consolidate(
+        found = consolidate(
             self.map,
             self.effects,
             PoseRules(above=self.map.rules.tc_threshold, seed=self.seed),
             within=self.config.poses_within,
             above=self.config.poses_above,
         )
-        if len(kept) == self.growth[-1][1]:
+        if found.embeddings is None or found.poses is None:
             tqdm.write(
                 "map: as it grew, since too few views fit together by their poses"
             )
-            return
+            return None
         # Of the waypoints after each batch, so many stayed.
         views, before = zip(*self.growth, strict=True)
-        after = torch.searchsorted(kept, torch.tensor(before)).tolist()
+        after = torch.searchsorted(found.kept, torch.tensor(before)).tolist()
         self.growth = list(zip(views, after, strict=True))
         if self.truth is not None:
-            self.truth.poses.keep(kept)
+            self.truth.poses.keep(found.kept)
+        return found.embeddings, found.poses
+
+    def learn_places(self, embeddings: Tensor, poses: Tensor, folder: Path) -> None:
+        """Train and save the network that knows the map's waypoints by their views."""
+        assert self.effects is not None
+        turn = float(self.effects[:, 2].abs().max())
+        rules = PlaceRules(seed=self.seed)
+        places = train_places(embeddings, poses, self.map.waypoints.poses, turn, rules)
+        save_places(places, folder / PLACES_FILE)
 
     def wait(self) -> None:
         """Wait until all is written, and raise what went wrong with it."""

@@ -5,4 +5,18 @@ from toponav.graph.navigation.navigator import (
     Locomotion as Locomotion,
     Navigator as Navigator,
 )
+from toponav.graph.navigation.path_following import (
+    Aim as Aim,
+    aim_along as aim_along,
+    steer as steer,
+    to_the_middle as to_the_middle,
+)
 from toponav.graph.navigation.plans import Plan as Plan, Planner as Planner
+from toponav.graph.navigation.pose_belief import (
+    BeliefRules as BeliefRules,
+    PoseBelief as PoseBelief,
+)
+from toponav.graph.navigation.pose_navigator import (
+    PoseMap as PoseMap,
+    PoseNavigator as PoseNavigator,
+)

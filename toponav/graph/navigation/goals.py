@@ -47,9 +47,16 @@ class GoalNodes:
         similarity = similarity.reshape(embedding.shape[:2])
         passes = similarity > localiser.rules.tc_reach
         most = similarity == similarity.max(1, keepdim=True).values
-        self.nodes[agents] = nodes.reshape(embedding.shape[:2])
+        counts = torch.where(passes.any(1, keepdim=True), passes, most)
+        self.put(agents, embedding, nodes.reshape(embedding.shape[:2]), counts)
+
+    def put(
+        self, agents: Tensor, embedding: Tensor, nodes: Tensor, counts: Tensor
+    ) -> None:
+        """Take waypoints ``[n, V]`` for goal views ``[n, V, D]``, and which count."""
+        self.nodes[agents] = nodes
         self.embeddings[agents] = embedding.cpu()
-        self.counts[agents] = torch.where(passes.any(1, keepdim=True), passes, most)
+        self.counts[agents] = counts
         self._waited[agents] = 0
         self._dropped[agents] = 0
 

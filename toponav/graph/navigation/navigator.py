@@ -179,9 +179,12 @@ class Navigator(TensorDictModuleBase):
             return
         views = goal_views[agents.to(goal_views.device)]
         embedding = self.embed(views.flatten(0, 1)).float()
-        embedding = embedding.unflatten(0, views.shape[:2])
-        self.goals.begin(agents, embedding, self.localiser)
+        self._find_goals(agents, embedding.unflatten(0, views.shape[:2]))
         self.plans.open_all(begins)
+
+    def _find_goals(self, agents: Tensor, embedding: Tensor) -> None:
+        """Choose the waypoints that stand for goal views ``[n, V, D]`` of n agents."""
+        self.goals.begin(agents, embedding, self.localiser)
 
     def _restart(self, agents: Tensor) -> None:
         """These agents, bool ``[N]``, have been put elsewhere."""

@@ -17,6 +17,8 @@ class ActionSampler:
     ) -> None:
         self.rules = rules
         self.generator = generator
+        #: int64 ``[N]``, the last one of each; 0 before the first.
+        self.last_action = torch.zeros(num_agents, dtype=torch.int64)
         self._last: tuple[Tensor, Tensor] | None = None
         self._noops = torch.empty(0)
         self._is_new = torch.ones(num_agents, dtype=torch.bool)
@@ -35,6 +37,7 @@ class ActionSampler:
         if self.rules.temperature == 0:
             drawn = torch.where(known, logits.argmax(1), drawn)
         self._last = (embedding, drawn)
+        self.last_action = drawn
         self._is_new = torch.zeros_like(self._is_new)
         return drawn
 

@@ -3,8 +3,11 @@
 from toponav.graph.poses.cover import (
     choose_waypoints as choose_waypoints,
     count_moves as count_moves,
-    decisions_apart as decisions_apart,
     nearest_waypoints as nearest_waypoints,
+)
+from toponav.graph.poses.frames import (
+    decisions_apart as decisions_apart,
+    moved as moved,
 )
 from toponav.graph.poses.pose_graph import (
     PoseRules as PoseRules,

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from toponav.graph.poses.frames import decisions_apart
+
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 #: Similarities ``[P]`` of P views to P waypoints, by the numbers of both.
@@ -14,23 +16,6 @@ Alike = Callable[[Numbers, Numbers], Floats]
 
 #: Views whose distances to all waypoints are computed in one call.
 _CHUNK = 2048
-
-
-def decisions_apart(one: Floats, other: Floats, turn: float) -> Floats:
-    """Least decisions between poses in free space: steps plus turns; they broadcast.
-
-    Poses ``[..., 3]`` are positions in steps and headings in degrees; ``turn`` is what
-    the fastest action turns.
-
-    Examples:
-        >>> here, there = np.array([0.0, 0, 350]), np.array([3.0, 4, 30])
-        >>> float(decisions_apart(here, there, 20.0))  # 5 steps and 40 / 20 turns
-        7.0
-    """
-    gap = one - other
-    turned = np.abs((gap[..., 2] + 180) % 360 - 180) / turn
-    apart: Floats = np.asarray(np.hypot(gap[..., 0], gap[..., 1]) + turned)
-    return apart
 
 
 def choose_waypoints(

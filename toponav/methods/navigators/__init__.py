@@ -5,13 +5,14 @@ from collections.abc import Iterator, Mapping
 from tensordict.nn import TensorDictModuleBase
 
 from toponav.builders import AgentKnowledge, GoalPlaces, GroundTruth
-from toponav.config import NavigateConfig, NavigatorConfig, SettingsError, require
+from toponav.config import NavigateConfig, NavigatorConfig, require
 from toponav.methods.navigators.diagnosis import (
     DIAGNOSES as DIAGNOSES,
     make_diagnosis as make_diagnosis,
 )
 from toponav.methods.navigators.method import NavigatorMethod as NavigatorMethod
 from toponav.methods.navigators.oracle import ORACLE
+from toponav.methods.navigators.poses import POSES, PosesConfig as PosesConfig
 from toponav.methods.navigators.random import RANDOM
 from toponav.methods.navigators.topological import (
     TOPOLOGICAL,
@@ -20,7 +21,10 @@ from toponav.methods.navigators.topological import (
 )
 
 #: By the name of their settings, ``conf/navigator/<name>.yaml``.
-NAVIGATORS = {"topological": TOPOLOGICAL, "oracle": ORACLE, "random": RANDOM}
+NAVIGATORS = {
+    **{"topological": TOPOLOGICAL, "poses": POSES},
+    **{"oracle": ORACLE, "random": RANDOM},
+}
 #: What ``evaluate.policies`` calls the one that ``navigator`` chooses.
 CHOSEN = "navigator"
 
@@ -39,8 +43,9 @@ def make_policies(
     for name in settings.evaluate.policies:
         if name in DIAGNOSES:
             policies[name] = make_diagnosis(
-                _diagnosed(name, settings),
+                settings.navigator,
                 DIAGNOSES[name],
+                make=_diagnosed(name, settings).make,
                 knowledge=knowledge,
                 truth=truth,
                 seed=settings.seed,
@@ -66,13 +71,13 @@ def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
     return NavigatorConfig(name=name)
 
 
-def _diagnosed(name: str, settings: NavigateConfig) -> TopologicalConfig:
-    """The settings of the navigator that is told the truth."""
-    chosen = settings.navigator
-    if not isinstance(chosen, TopologicalConfig):
-        rule = f"evaluate.policies must name {name} with navigator=topological alone"
-        raise SettingsError(f"{rule}, got navigator={chosen.name}")
-    return chosen
+def _diagnosed(name: str, settings: NavigateConfig) -> NavigatorMethod:
+    """The navigator that is told the truth."""
+    chosen = settings.navigator.name
+    able = [word for word, method in NAVIGATORS.items() if method.takes_truth]
+    rule = f"evaluate.policies must name {name} with navigator={' or '.join(able)}"
+    require(chosen in able, rule, f"navigator={chosen}")
+    return NAVIGATORS[chosen]
 
 
 def warn_of_goals(

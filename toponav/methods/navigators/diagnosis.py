@@ -4,14 +4,14 @@ What it gains in goals by a truth is what the part that the truth replaces costs
 policies read privileged keys and are no agents.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Literal
 
 from tensordict.nn import TensorDictModuleBase, TensorDictSequential
 
 from toponav.builders import AgentKnowledge, GroundTruth
+from toponav.config import NavigatorConfig
 from toponav.keys import TRUE_PLACE
-from toponav.methods.navigators.topological import TopologicalConfig, make_navigator
 from toponav.methods.navigators.truths import TruePlace, TrueSteering, true_edges
 
 #: What a navigator may be given: the edges of its map, with their costs; the waypoint
@@ -29,16 +29,17 @@ DIAGNOSES: dict[str, tuple[Part, ...]] = {
 
 
 def make_diagnosis(
-    config: TopologicalConfig,
+    config: NavigatorConfig,
     given: Collection[Part],
     *,
+    make: Callable[..., TensorDictModuleBase],
     knowledge: AgentKnowledge,
     truth: GroundTruth,
     seed: int = 0,
 ) -> TensorDictModuleBase:
-    """A topological navigator that is ``given`` parts of the truth, and no more."""
+    """The navigator that ``make`` makes, ``given`` parts of the truth and no more."""
     world = knowledge.world
-    navigator = make_navigator(
+    navigator = make(
         config,
         knowledge=knowledge,
         edges=true_edges(truth, world=world) if "map" in given else None,

@@ -24,5 +24,8 @@ class NavigatorMethod:
     #: From the settings, what it needs and ``seed`` to a policy that reads what
     #: `make_navigation_env` writes.
     make: Callable[..., TensorDictModuleBase]
+    #: Whether `make` takes ``edges`` and a ``place_key`` as `make_navigator` does, by
+    #: which a diagnosis tells it the truth.
+    takes_truth: bool = False
     #: From the policy to a sentence about goals that it cannot know.
     warn_of_goals: Callable[[Any, GoalPlaces], str | None] | None = None

@@ -142,5 +142,6 @@ TOPOLOGICAL = NavigatorMethod(
     schema=TopologicalConfig,
     needs=("knowledge",),
     make=make_navigator,
+    takes_truth=True,
     warn_of_goals=warn_of_goals,
 )

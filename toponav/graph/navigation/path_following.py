@@ -1,0 +1,94 @@
+"""Steering by poses: the point of a path to aim at, and what leads there."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from toponav.graph.poses import moved
+
+#: Means that are taken of the positions around each, one after the other.
+_ROUNDS = 2
+
+
+class Aim(NamedTuple):
+    """What N agents aim at."""
+
+    point: Tensor  # float32 [N, 2], in steps
+    passed: Tensor  # int64 [N]; how many points of the path are nearer than that
+    is_end: Tensor  # bool [N]; whether it is the path's last point
+
+
+def aim_along(position: Tensor, path: Tensor, *, ahead: float) -> Aim:
+    """The point of each path that is ``ahead`` steps away, as the crow flies.
+
+    It lies on the first leg of the path ``[N, L, 2]`` that leaves the circle of that
+    radius around ``position`` ``[N, 2]``; if none does, it is the path's end.
+
+    Reference:
+        Coulter, "Implementation of the pure pursuit path tracking algorithm" (1992).
+
+    Examples:
+        >>> path = torch.tensor([[[2.0, 0.0], [4.0, 0.0], [4.0, 4.0]]])
+        >>> aim_along(torch.zeros(1, 2), path, ahead=3.0).point.tolist()
+        [[3.0, 0.0]]
+        >>> aim_along(torch.zeros(1, 2), path, ahead=9.0).point.tolist()
+        [[4.0, 4.0]]
+    """
+    here = position.unsqueeze(1)
+    points = torch.cat([here, path], 1)
+    away = (points - here).norm(dim=2)
+    passed = (away <= ahead).long().cumprod(1).sum(1) - 1
+    row = torch.arange(len(passed))
+    then = (passed + 1).clamp(max=path.shape[1])
+    leg = (away[row, then] - away[row, passed]).clamp(min=1e-6)
+    share = ((ahead - away[row, passed]) / leg).clamp(0, 1).unsqueeze(1)
+    point = torch.lerp(points[row, passed], points[row, then], share)
+    return Aim(point, passed, passed == path.shape[1])
+
+
+def steer(pose: Tensor, aim: Tensor, effects: Tensor) -> Tensor:
+    """Logits of the actions, ``[N, A]``: minus the decisions that are left after each.
+
+    An action leads agents of ``pose`` ``[N, 3]`` where its ``effects`` ``[A, 3]`` in
+    free space do; from there it takes the steps to ``aim`` ``[N, 2]``, and the turns
+    until they look at it.
+
+    Examples:
+        >>> effects = torch.tensor([[1.0, 0, 0], [0, 0, 20], [0, 0, -20]])
+        >>> behind_to_the_left = torch.tensor([[-3.0, 1.0]])
+        >>> steer(torch.zeros(1, 3), behind_to_the_left, effects).argmax(1)
+        tensor([1])
+    """
+    turn = float(effects[:, 2].abs().max())
+    then = moved(pose.unsqueeze(1), effects)
+    gap = aim.unsqueeze(1) - then[..., :2]
+    bearing = torch.atan2(gap[..., 1], gap[..., 0]).rad2deg()
+    off = ((bearing - then[..., 2] + 180) % 360 - 180).abs()
+    left: Tensor = gap.norm(dim=2) + off / turn
+    return -left
+
+
+def to_the_middle(positions: Tensor, *, width: float) -> Tensor:
+    """Positions ``[W, 2]``, drawn to where most others around them are.
+
+    Where agents walked is bounded by walls: what lies beside one has others on the
+    other side alone, and moves away from it. ``width`` is the deviation, in steps, of
+    the bell curve by which others count.
+
+    Reference:
+        Mean shift: Fukunaga and Hostetler, "The estimation of the gradient of a density
+        function" (1975).
+
+    Examples:
+        >>> corridor = torch.tensor([[0.0, -1.0], [0.0, 1.0]])
+        >>> to_the_middle(corridor, width=9.0).abs().max().item() < 0.1
+        True
+    """
+    middle = positions
+    for _ in range(_ROUNDS):
+        near: Tensor = (
+            -0.5 * (torch.cdist(middle, positions) / width).square()
+        ).softmax(1)
+        middle = near @ positions
+    return middle

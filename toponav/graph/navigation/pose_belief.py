@@ -1,0 +1,135 @@
+"""`PoseBelief`: where agents may be on a map whose waypoints have poses."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from toponav.graph.poses import decisions_apart, moved
+
+#: Standard deviations of what poses change by themselves in a decision, and around a
+#: waypoint that they are drawn at: steps, steps and degrees.
+_DRIFT, _AROUND = (0.15, 0.15, 1.0), (1.0, 1.0, 8.0)
+#: Waypoints of a view that count, the most likely ones.
+_PLACES = 16
+#: Poses of each agent that judge around which of all most others lie; standard
+#: deviation of what is around, in decisions, and how far the mean of them reaches.
+_JUDGES, _CROWD, _REACH = 64, 2.0, 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeliefRules:
+    """How a belief follows actions and views. Lengths are decisions in free space."""
+
+    poses: int = 200  # of each agent
+    #: Standard deviation of the distance from a waypoint to a pose that it speaks for.
+    spread: float = 1.5
+    floor: float = 0.02  # likelihood of any view at any pose
+    #: Exponent of likelihoods, since successive views say nearly the same.
+    power: float = 0.7
+    stopped: float = 0.3  # share of the moves that something stops on the way
+    lost: float = 0.02  # share of the poses that are drawn anew by the view alone
+
+    def __post_init__(self) -> None:
+        for name, most in {"floor": 1, "power": 1, "stopped": 1, "lost": 1}.items():
+            if not 0 <= (value := getattr(self, name)) <= most:
+                raise ValueError(f"{name} must be in [0, {most}], got {value}")
+        if self.poses < 1:
+            raise ValueError(f"poses must be at least 1, got {self.poses}")
+        if self.spread <= 0:
+            raise ValueError(f"spread must be above 0, got {self.spread}")
+
+
+class PoseBelief:
+    """P poses that each of N agents may have, followed by its actions and views.
+
+    In each decision poses move as the last action does in free space, some of them less
+    far, since walls stop agents; then those stay that the view speaks for, by the
+    waypoints that it may be at. A few are drawn anew, so that an agent that is mistaken
+    finds itself again.
+
+    Reference:
+        Beyond the paper. Monte Carlo localisation with added poses: Thrun, Burgard and
+        Fox, "Probabilistic Robotics" (2005), chapter 8.
+
+    Args:
+        waypoints: poses of the map's waypoints, ``[W, 3]``: steps, steps and degrees.
+        effects: of the actions in free space, ``[A, 3]``: steps ahead and to the left,
+            and degrees to the left.
+        rules: its choices.
+        num_agents: N.
+        generator: of all draws.
+    """
+
+    def __init__(
+        self,
+        waypoints: Tensor,
+        effects: Tensor,
+        rules: BeliefRules,
+        num_agents: int,
+        generator: torch.Generator,
+    ) -> None:
+        self.waypoints = waypoints
+        self.effects = effects
+        self.turn = float(effects[:, 2].abs().max())
+        self.rules = rules
+        self.generator = generator
+        #: float32 ``[N, P, 3]``.
+        self.poses = torch.zeros(num_agents, rules.poses, 3)
+        self._is_new = torch.ones(num_agents, dtype=torch.bool)
+
+    def forget(self, agents: Tensor) -> None:
+        """The agents of a mask, bool ``[N]``, may be anywhere."""
+        self._is_new |= agents
+
+    def update(self, action: Tensor, chance: Tensor) -> None:
+        """Follow the last ``action`` ``[N]`` and the view that came after it.
+
+        ``chance`` ``[N, W]`` is that the view is at each waypoint.
+        """
+        rules, number = self.rules, self.rules.poses
+        chance, nodes = chance.topk(min(_PLACES, chance.shape[1]))
+        anew = torch.arange(number) < round(rules.lost * number)
+        anew = (anew | self._is_new.unsqueeze(1)).unsqueeze(2)
+        poses = torch.where(anew, self._draw(nodes, chance), self._move(action))
+        near = self.waypoints[nodes].unsqueeze(1)
+        apart = decisions_apart(poses.unsqueeze(2), near, self.turn)
+        speaks = (-0.5 * (apart / rules.spread).square()).exp() * chance.unsqueeze(1)
+        likelihood = (speaks.sum(2) + rules.floor).pow(rules.power)
+        drawn = self._multinomial(likelihood)
+        self.poses = poses.gather(1, drawn.unsqueeze(2).expand(-1, -1, 3))
+        self._is_new[:] = False
+
+    def estimate(self) -> Tensor:
+        """The pose of each agent, ``[N, 3]``: the mean where most of its poses are."""
+        judges = self.poses[:, None, :_JUDGES]
+        apart = decisions_apart(self.poses.unsqueeze(2), judges, self.turn)
+        best = (-0.5 * (apart / _CROWD).square()).exp().sum(2).argmax(1)
+        centre = self.poses[torch.arange(len(best)), best].unsqueeze(1)
+        near = decisions_apart(self.poses, centre, self.turn) < _REACH
+        gap = self.poses - centre
+        gap[..., 2] = (gap[..., 2] + 180) % 360 - 180
+        mean = (gap * near.unsqueeze(2)).sum(1) / near.sum(1, keepdim=True)
+        return centre.squeeze(1) + mean
+
+    def _move(self, action: Tensor) -> Tensor:
+        effects = self.effects[action].unsqueeze(1).repeat(1, self.rules.poses, 1)
+        draws = torch.rand(2, *effects.shape[:2], generator=self.generator)
+        # A stopped move may end anywhere on its way.
+        share = draws[0].masked_fill(draws[1] >= self.rules.stopped, 1.0)
+        effects[..., :2] *= share.unsqueeze(2)
+        return moved(self.poses, effects) + self._noise(_DRIFT)
+
+    def _draw(self, nodes: Tensor, chance: Tensor) -> Tensor:
+        # Of a view that may be anywhere, chances can all be 0.
+        drawn = self._multinomial(chance + 1e-6)
+        return self.waypoints[nodes.gather(1, drawn)] + self._noise(_AROUND)
+
+    def _multinomial(self, chance: Tensor) -> Tensor:
+        return torch.multinomial(
+            chance, self.rules.poses, replacement=True, generator=self.generator
+        )
+
+    def _noise(self, deviation: tuple[float, ...]) -> Tensor:
+        drawn = torch.randn(self.poses.shape, generator=self.generator)
+        return drawn * torch.tensor(deviation)

@@ -1,0 +1,177 @@
+"""`PoseNavigator`: a navigator on a map whose waypoints have poses."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from toponav.graph.navigation.localiser import Map
+from toponav.graph.navigation.navigator import Navigator
+from toponav.graph.navigation.path_following import aim_along, steer
+from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
+from toponav.graph.poses import decisions_apart
+from toponav.graph.rules import NavigatorRules
+from toponav.graph.waypoints import Compare, Embed
+
+#: Decisions around the most likely waypoint of a goal view that say where it is, steps
+#: up to which goal views agree, and from there to waypoints that stand for the goal.
+_AROUND, _AGREE, _BESIDE = 5.0, 3.0, 2.5
+#: What a turn counts beside a step to say at which waypoint an agent is; steps from a
+#: place at which it is reached, and share of the decisions at a goal's end of a path in
+#: which it looks for the goal somewhere else.
+_DIRECTION, _THERE = 0.2, 0.7
+_TIRED = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseMap:
+    """What is known of a map's W waypoints, beside what a `Map` says."""
+
+    poses: Tensor  # float32 [W, 3]: steps, steps and degrees
+    track: Tensor  # float32 [W, 2], in steps; where to walk to pass by each of them
+    #: Of the actions in free space, ``[A, 3]``: steps ahead, to the left, and degrees.
+    effects: Tensor
+    #: Embeddings ``[N, D]`` to logits of the waypoints ``[N, W]``: `PlaceNetwork`.
+    places: Callable[[Tensor], Tensor]
+
+
+class PoseNavigator(Navigator):
+    """Follows its own pose, and steers along the path by it.
+
+    As `Navigator`, but for three things:
+
+    1. *localise*: it believes in poses, by its actions and by what its place network
+       says of its views (`PoseBelief`), and is at the waypoint nearest to where most of
+       them are; it is never lost;
+    2. *aim*: at the point of the path that is ``ahead`` steps away (`aim_along`), and
+       act by the pose alone (`steer`);
+    3. *goal*: where most of the goal's views agree that it is. There the agent searches
+       around, as its goal is a little beside it.
+
+    Reference:
+        Beyond the paper.
+
+    Args:
+        map, embed, compare, rules, goal_reward, in_keys, place_key, one_hot, seed: as
+            in `Navigator`, whose rules of targets and of lost agents do not apply.
+        known: poses, effects and place network.
+        belief: how poses are followed.
+        ahead: steps from the agent to the point of its path that it aims at.
+        search: standard deviation, in steps, of where it looks for the goal.
+    """
+
+    def __init__(
+        self,
+        map: Map,
+        embed: Embed,
+        compare: Compare,
+        rules: NavigatorRules,
+        *,
+        known: PoseMap,
+        belief: BeliefRules,
+        ahead: float = 3.5,
+        search: float = 0.8,
+        goal_reward: float | None = None,
+        in_keys: Sequence[NestedKey] | None = None,
+        place_key: NestedKey | None = None,
+        one_hot: bool = False,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(
+            map,
+            embed,
+            compare,
+            self._steer,
+            rules,
+            goal_reward=goal_reward,
+            in_keys=in_keys,
+            place_key=place_key,
+            one_hot=one_hot,
+            seed=seed,
+        )
+        if len(known.poses) != map.num_waypoints or known.poses.isnan().any():
+            number = int(known.poses.isfinite().all(1).sum())
+            rule = f"all {map.num_waypoints} waypoints of the map must have poses"
+            raise ValueError(f"{rule}, got {number} poses")
+        self.known = known
+        self.belief_rules = belief
+        self.ahead, self.search = ahead, search
+        self.turn = float(known.effects[:, 2].abs().max())
+
+    def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
+        super()._resize(num_agents, num_goal_views, length)
+        poses, effects = self.known.poses, self.known.effects
+        rules, draws = self.belief_rules, self.generator
+        self.belief = PoseBelief(poses, effects, rules, num_agents, draws)
+        self._pose = torch.zeros(num_agents, 3)
+        self._aims = torch.zeros(num_agents, 2)
+        # Where each agent's goal is, and how far from there it looks for it now.
+        self._goal = torch.zeros(num_agents, 2)
+        self._aside = torch.zeros(num_agents, 2)
+
+    def _find_goals(self, agents: Tensor, embedding: Tensor) -> None:
+        seen = self._see(embedding.flatten(0, 1)).unflatten(0, embedding.shape[:2])
+        gaps = torch.cdist(seen, seen)
+        agree = gaps < _AGREE
+        most = agree.sum(2).argmax(1)
+        chosen = agree[torch.arange(len(agents)), most].unsqueeze(2)
+        goal = (seen * chosen).sum(1) / chosen.sum(1)
+        away = torch.cdist(goal, self.known.poses[:, :2])
+        number = min(embedding.shape[1], away.shape[1])
+        nearest, nodes = away.topk(number, largest=False)
+        counts = nearest < _BESIDE
+        counts[:, 0] = True
+        # As many as there are views; of a smaller map, the last one again.
+        fill = [*range(number), *[number - 1] * (embedding.shape[1] - number)]
+        self.goals.put(agents, embedding, nodes[:, fill], counts[:, fill])
+        self._goal[agents] = goal
+
+    def _see(self, embedding: Tensor) -> Tensor:
+        """Where views ``[n, D]`` are, by themselves, in steps ``[n, 2]``."""
+        chance = self.known.places(embedding).softmax(1).cpu()
+        poses = self.known.poses
+        best = poses[chance.argmax(1)].unsqueeze(1)
+        near = decisions_apart(best, poses, self.turn) < _AROUND
+        chance = chance * near
+        return chance @ poses[:, :2] / chance.sum(1, keepdim=True)
+
+    def _restart(self, agents: Tensor) -> None:
+        super()._restart(agents)
+        self.belief.forget(agents)
+        self._aside[agents] = 0
+
+    def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
+        chance = self.known.places(embedding).softmax(1).cpu()
+        self.belief.update(self.sampler.last_action, chance)
+        self._pose = self.belief.estimate()
+        if self.place_key is not None:
+            return super()._locate(embedding, data)
+        # A turn counts less here than on the way.
+        apart = decisions_apart(
+            self._pose.unsqueeze(1), self.known.poses, self.turn / _DIRECTION
+        )
+        self.localiser.place = apart.argmin(1)
+        return self.localiser.place.clone()
+
+    def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
+        self.plans.open_up(place)
+        place = place.masked_fill(self.plans.cost(place).isinf(), -1)
+        path = self.plans.ahead(place, self.rules.lookahead)
+        position, points = self._pose[:, :2], self.known.track[path]
+        aim = aim_along(position, points, ahead=self.ahead)
+        goal = self._goal + self._aside
+        ends = aim.is_end & (self.plans.cost(path[:, -1]) == 0)
+        # It looks elsewhere once it is there, and now and then: walls may be between.
+        tired = torch.rand(len(ends), generator=self.generator) < _TIRED
+        there = (goal - position).norm(dim=1) < _THERE
+        aside = torch.randn(self._aside.shape, generator=self.generator) * self.search
+        again = (ends & (there | tired)).unsqueeze(1)
+        self._aside = torch.where(again, aside, self._aside)
+        self._aims = torch.where(ends.unsqueeze(1), goal, aim.point)
+        target = path.gather(1, (aim.passed - 1).clamp(min=0).unsqueeze(1)).squeeze(1)
+        return place, target.masked_fill(place < 0, -1)
+
+    def _steer(self, here: Tensor, there: Tensor) -> Tensor:
+        return steer(self._pose, self._aims, self.known.effects)

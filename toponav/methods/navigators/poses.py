@@ -1,0 +1,116 @@
+"""A navigator that follows its own pose, on a map whose waypoints have poses."""
+
+from dataclasses import dataclass, fields
+
+from omegaconf import MISSING
+from tensordict import NestedKey
+from torch import Tensor
+
+from toponav.builders import AgentKnowledge, action_effects
+from toponav.config import NavigatorConfig, above, one_of, refusing, require
+from toponav.graph import (
+    BeliefRules,
+    NavigatorRules,
+    PoseMap,
+    PoseNavigator,
+    to_the_middle,
+)
+from toponav.methods.navigators.method import NavigatorMethod
+from toponav.methods.navigators.topological import NavigatorMap
+
+#: What an edge costs beside its steps, so that of equal paths the one with fewer
+#: waypoints is walked.
+_EDGE_COST = 0.3
+
+
+@dataclass
+class PosesConfig(NavigatorConfig):
+    """Settings of ``navigator=poses``."""
+
+    ahead: float = above(0)
+    search: float = above(0)
+    width: float = above(0)
+    lookahead: int = MISSING
+    temperature: float = MISSING
+    mask_noop_actions: bool = MISSING
+    block_on: str = one_of("goal", "edge")
+    block_after: int | None = MISSING
+    fade_after: int | None = MISSING
+    hops: int = MISSING
+    goal_patience: int | None = MISSING
+    poses: int = MISSING
+    spread: float = MISSING
+    floor: float = MISSING
+    power: float = MISSING
+    stopped: float = MISSING
+    lost: float = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with refusing("navigator."):
+            self.rules()
+            self.belief()
+
+    def rules(self) -> NavigatorRules:
+        """The navigator's rules. Poses say where it is: similarities do not matter."""
+        names = {one.name for one in fields(NavigatorRules)}
+        given = {name: value for name, value in vars(self).items() if name in names}
+        return NavigatorRules(**given, tc_reach=0.0)
+
+    def belief(self) -> BeliefRules:
+        """How it follows its pose."""
+        names = [one.name for one in fields(BeliefRules)]
+        return BeliefRules(**{name: getattr(self, name) for name in names})
+
+
+def make_pose_navigator(
+    config: PosesConfig,
+    *,
+    knowledge: AgentKnowledge,
+    edges: tuple[Tensor, Tensor] | None = None,
+    place_key: NestedKey | None = None,
+    seed: int = 0,
+) -> PoseNavigator:
+    """The agent, as `make_navigator`, on a map that ``map.poses=true`` has made."""
+    known, tc = knowledge.map, knowledge.networks.tc
+    effects, poses = action_effects(knowledge.world), known.waypoints.poses
+    rule = "navigator=poses must be given a map with poses, of an exploration with "
+    rule += "map.poses=true (did you mean navigator=topological?)"
+    require(knowledge.places is not None, rule, "a map without")
+    assert knowledge.places is not None
+    assert effects is not None  # mazes have them
+    track = to_the_middle(poses[:, :2], width=config.width)
+    if edges is None:
+        one, other = known.edges.unbind(1)
+        edges = known.edges, (track[one] - track[other]).norm(dim=1) + _EDGE_COST
+    navigator_map = NavigatorMap(
+        num_waypoints=known.num_waypoints,
+        embeddings=known.embeddings,
+        prepared=known.prepared,
+        edges=edges[0],
+        edge_cost=edges[1],
+        version=known.version,
+    )
+    return PoseNavigator(
+        navigator_map,
+        tc.embed,
+        tc.compare_prepared,
+        config.rules(),
+        known=PoseMap(
+            poses=poses, track=track, effects=effects, places=knowledge.places
+        ),
+        belief=config.belief(),
+        ahead=config.ahead,
+        search=config.search,
+        goal_reward=knowledge.world.goal_reward,
+        place_key=place_key,
+        seed=seed,
+    )
+
+
+POSES = NavigatorMethod(
+    schema=PosesConfig,
+    needs=("knowledge",),
+    make=make_pose_navigator,
+    takes_truth=True,
+)
