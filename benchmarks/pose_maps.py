@@ -40,7 +40,10 @@ COLUMNS = ["maze", "seed", "map", "waypoints_per_cell", *QUALITY, "seconds"]
 def read_settings(run: Path) -> ExploreConfig:
     """Those that the run was made with."""
     register()
-    words = [str(word) for word in OmegaConf.load(run / "config" / "overrides.yaml")]
+    given = OmegaConf.load(run / "config" / "overrides.yaml")
+    # As they were given: some refer to other settings.
+    words = OmegaConf.to_container(given, resolve=False)
+    assert isinstance(words, list)
     with initialize_config_dir(str(CONF), version_base="1.3"):
         settings = OmegaConf.to_object(compose("explore", overrides=words))
     assert isinstance(settings, ExploreConfig)

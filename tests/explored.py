@@ -9,27 +9,31 @@ from omegaconf import OmegaConf
 from tests.exploring import explore_settings, world_of
 from toponav.builders import (
     MAP_FILE,
+    PLACES_FILE,
     POSES_FILE,
     load_networks,
     make_layout,
     make_networks,
     save_networks,
+    save_places,
 )
 from toponav.config import ExploreConfig
 from toponav.graph import save_map
+from toponav.training.place_training import PlaceRules, train_places
 
 RING = "*****\n*   *\n* *a*\n*   *\n*****\n"
 #: Views of a cell, one in each direction.
 DIRECTIONS = (0.0, 90.0, 180.0, 270.0)
 
 
-def make_run(folder: Path, *overrides: str) -> ExploreConfig:
+def make_run(folder: Path, *overrides: str, poses: bool = False) -> ExploreConfig:
     """Write networks that were never trained, and a map that fits the maze.
 
     Args:
         folder: gets ``config``, ``networks.pt``, the map and its truth; its layout file
             is ``ring.txt``.
         overrides: settings of the exploration.
+        poses: whether the map has poses, and a network that knows its places.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "ring.txt").write_text(RING)
@@ -42,18 +46,25 @@ def make_run(folder: Path, *overrides: str) -> ExploreConfig:
     networks.modules.eval()
     networks.thresholds = {"tc_threshold": 0.9, "tc_reach": 0.3}
     save_networks(networks, folder / "networks.pt")
-    write_map(folder, config)
+    write_map(folder, config, poses=poses)
     return config
 
 
 @torch.no_grad()
-def write_map(folder: Path, config: ExploreConfig, *, cells: int | None = None) -> None:
+def write_map(
+    folder: Path,
+    config: ExploreConfig,
+    *,
+    cells: int | None = None,
+    poses: bool = False,
+) -> None:
     """Write the map and its truth.
 
     Args:
         folder: with networks.
         config: of the run.
         cells: how many of the maze's cells are on the map, all by default.
+        poses: as `make_run`; they are the true ones, in a frame of their own.
     """
     world, networks = world_of(config).spec, load_networks(folder)
     tc, layout = networks.tc, make_layout(config.maze)
@@ -84,7 +95,17 @@ def write_map(folder: Path, config: ExploreConfig, *, cells: int | None = None) 
         "tc_threshold": 0.9,
         "tc_reach": 0.3,
     }
+    motion = world.motion
+    truth = [(*layout.centre(cell, motion.cell_size), turn) for cell, turn in places]
+    true = torch.tensor(truth, dtype=torch.float32).reshape(-1, 3)
+    if poses:
+        # From elsewhere, and turned by a quarter.
+        x, y, heading = (true / torch.tensor([motion.step, motion.step, 1.0])).unbind(1)
+        state["positions"] = torch.stack([5 - y, x - 7], 1)
+        state["headings"] = heading + 90
+        own = torch.cat([state["positions"], state["headings"].unsqueeze(1)], 1)
+        rules = PlaceRules(updates=60, views=32)
+        network = train_places(embeddings, own, own, motion.turn, rules)
+        save_places(network, folder / PLACES_FILE)
     save_map(state, folder / MAP_FILE)
-    size = world.motion.cell_size
-    poses = [(*layout.centre(cell, size), turn) for cell, turn in places]
-    np.save(folder / POSES_FILE, np.array(poses, np.float32).reshape(-1, 3))
+    np.save(folder / POSES_FILE, np.asarray(true))

@@ -83,6 +83,26 @@ def test_a_sweep_over_closed_slots_leaves_tables_pictures_and_videos(run: Path) 
 
 
 @pytest.mark.slow
+def test_a_navigator_by_poses_plays_where_the_map_has_them(tmp_path: Path) -> None:
+    make_run(tmp_path, poses=True)
+    done = navigate(
+        tmp_path,
+        "navigator=poses",
+        "evaluate.policies=[navigator,perfect_controller,oracle]",
+        "hydra.run.dir=out",
+    )
+    assert done.returncode == 0, done.stderr
+    names = [row["policy"] for row in rows(tmp_path / "out" / "summary.csv")]
+    assert names == ["navigator", "perfect_controller", "oracle"]
+    assert min(Image.open(tmp_path / "out" / "path.png").size) > 300
+    (tmp_path / "places.pt").unlink()
+    refused = navigate(tmp_path, "navigator=poses", "hydra.run.dir=none")
+    assert refused.returncode != 0
+    assert "navigator=poses must be given a map with poses" in refused.stderr
+    assert "Traceback" not in refused.stderr
+
+
+@pytest.mark.slow
 def test_by_edges_it_closes_what_it_does_not_get_over(run: Path) -> None:
     done = play(
         run,

@@ -40,8 +40,8 @@ def test_few_waypoints_and_edges_that_were_walked() -> None:
     topological_map, poses = grown()
     before = topological_map.waypoints.origins.clone()
     many = topological_map.num_waypoints
-    kept = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
-    number = topological_map.num_waypoints
+    found = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    kept, number = found.kept, topological_map.num_waypoints
     assert number == len(kept) < many / 2
     assert torch.equal(topological_map.waypoints.origins, before[kept])
     assert (topological_map.graph.traversals.sum(1) > 0).all()
@@ -50,6 +50,14 @@ def test_few_waypoints_and_edges_that_were_walked() -> None:
     place = torch.stack([poses[env][at] for env, at in before[kept].tolist()])
     one, other = topological_map.edges.unbind(1)
     assert ((place[one] - place[other])[:, :2].norm(dim=-1) < 9).float().mean() > 0.98
+    # Positions say how long an edge is.
+    own = topological_map.waypoints.positions
+    said = (own[one] - own[other]).norm(dim=-1)
+    true = (place[one] - place[other])[:, :2].norm(dim=-1)
+    assert (said - true).abs().median() < 1.0
+    # Poses of all views: those of the waypoints are among them.
+    assert found.poses.shape == (len(found.embeddings), 3) == (900, 3)
+    assert torch.cdist(own, found.poses[:, :2]).amin(1).max() < 0.05
     # Headings are those of the views, but for one angle that all share.
     turned = (topological_map.waypoints.headings - place[:, 2]).deg2rad()
     assert torch.stack([turned.cos().mean(), turned.sin().mean()]).norm() > 0.98
@@ -58,14 +66,18 @@ def test_few_waypoints_and_edges_that_were_walked() -> None:
 def test_a_map_without_walks_or_poses_stays_as_it_is() -> None:
     topological_map, _ = grown(2, walks=False)
     state = topological_map.state_dict()
-    kept = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
-    assert kept.tolist() == [*range(topological_map.num_waypoints)]
+    found = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    assert found.embeddings is None
+    assert found.poses is None
+    assert found.kept.tolist() == [*range(topological_map.num_waypoints)]
     # Two walks through different worlds: the second one's views, half of all, have no
     # pose beside those of the first.
     topological_map, _ = grown(2, apart=100.0)
     state = topological_map.state_dict()
-    kept = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
-    assert kept.tolist() == [*range(topological_map.num_waypoints)]
+    found = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    assert found.embeddings is None
+    assert found.poses is None
+    assert found.kept.tolist() == [*range(topological_map.num_waypoints)]
     assert torch.equal(topological_map.edges, state["edges"])
 
 

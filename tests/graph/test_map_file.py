@@ -48,6 +48,26 @@ def test_it_loads_to_the_last_bit(state, tmp_path) -> None:
     make_map().load_state_dict(loaded)
 
 
+def test_poses_are_kept_and_may_be_missing(state, tmp_path) -> None:
+    number = len(state["origins"])
+    known = torch.randn(number, 2)
+    known[1] = torch.nan
+    save_map(state | {"positions": known}, tmp_path / "map.zip")
+    loaded, _ = load_map(tmp_path / "map.zip")
+    assert torch.equal(loaded["positions"].nan_to_num(), known.nan_to_num())
+    assert loaded["positions"].isnan().equal(known.isnan())
+    # An earlier version wrote none, and no headings.
+    for name in ("positions", "headings"):
+        del state[name]
+    save_map(state, tmp_path / "map.zip")
+    loaded, _ = load_map(tmp_path / "map.zip")
+    assert loaded["positions"].isnan().all()
+    topological_map = make_map()
+    topological_map.load_state_dict(state)
+    assert topological_map.waypoints.poses.shape == (number, 3)
+    assert topological_map.waypoints.poses.isnan().all()
+
+
 def test_one_map_gives_one_file(state, tmp_path) -> None:
     for name in ("a.zip", "b.zip"):
         save_map(state, tmp_path / name)

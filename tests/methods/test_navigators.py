@@ -22,8 +22,18 @@ from toponav.builders import (
 )
 from toponav.config import NavigatorConfig, SettingsError
 from toponav.envs import Layout
+from toponav.graph import PoseNavigator
 from toponav.ground_truth import GroundTruthDistances
-from toponav.keys import ACTION, GOAL_VIEWS, IS_INIT, PATH_COST, PIXELS, PREVIOUS_REWARD
+from toponav.keys import (
+    ACTION,
+    GOAL_NODE,
+    GOAL_VIEWS,
+    IS_INIT,
+    PATH_COST,
+    PIXELS,
+    PLACE,
+    PREVIOUS_REWARD,
+)
 from toponav.methods import navigators
 from toponav.methods.navigators import (
     NAVIGATORS,
@@ -174,6 +184,79 @@ def test_goals_that_are_like_no_waypoint_are_named(explored):
     assert warnings("0") == []
 
 
+@pytest.fixture(scope="module")
+def posed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("explored") / "run"
+    make_run(path, poses=True)
+    return path
+
+
+def test_a_navigator_by_poses_knows_its_place_and_no_truth(posed: Path) -> None:
+    settings = navigate_settings(posed, "navigator=poses")
+    explored = load_exploration(settings)
+    policy = make_policies(settings, *explored)["navigator"]
+    assert isinstance(policy, PoseNavigator)
+    for waypoint, goal in ((0, 16), (9, 30)):
+        entries = policy(look(explored, waypoint, goal))
+        assert entries[PLACE].item() == waypoint
+        assert entries[GOAL_NODE].item() // 4 == goal // 4
+    assert not any("privileged" in key for key in policy.in_keys)
+    kinds = Layout | GroundTruthDistances | GroundTruth
+    assert not [one for one in reachable(policy) if isinstance(one, kinds)]
+    assert "truth" not in NAVIGATORS["poses"].needs
+
+
+def test_a_navigator_by_poses_can_be_told_the_truth(posed: Path) -> None:
+    names = "[perfect_controller,perfect_place_map]"
+    words = "navigator=poses", f"evaluate.policies={names}"
+    settings = navigate_settings(posed, *words)
+    explored = load_exploration(settings)
+    policies = make_policies(settings, *explored)
+    assert [type(policy[0]).__name__ for policy in policies.values()] == [
+        "PoseNavigator",
+        "TruePlace",
+    ]
+    settings = navigate_settings(
+        posed, "navigator=random", f"evaluate.policies={names}"
+    )
+    with pytest.raises(SettingsError, match="with navigator=topological or poses, got"):
+        make_policies(settings, *explored)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("temperature", 0.7), ("block_after", 40), ("hops", 3), ("lookahead", 5)],
+)
+def test_each_rule_reaches_the_navigator_by_poses(posed, setting, value) -> None:
+    settings = navigate_settings(
+        posed, "navigator=poses", f"navigator.{setting}={value}"
+    )
+    policy = make_policies(settings, *load_exploration(settings))["navigator"]
+    assert getattr(policy.rules, setting) == value
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"), [("poses", 50), ("lost", 0.1), ("still", 0.5), ("spread", 3)]
+)
+def test_each_setting_reaches_its_belief(posed, setting, value) -> None:
+    settings = navigate_settings(
+        posed, "navigator=poses", f"navigator.{setting}={value}"
+    )
+    policy = make_policies(settings, *load_exploration(settings))["navigator"]
+    assert getattr(policy.belief_rules, setting) == value
+    with pytest.raises(SettingsError, match=r"navigator\.power must be in"):
+        navigate_settings(posed, "navigator=poses", "navigator.power=2")
+
+
+def test_a_map_without_poses_is_refused_by_name(folder: Path) -> None:
+    settings = navigate_settings(folder, "navigator=poses")
+    rule = (
+        "navigator=poses must be given a map with poses, .*did you mean navigator=top"
+    )
+    with pytest.raises(SettingsError, match=rule):
+        make_policies(settings, *load_exploration(settings))
+
+
 @dataclass
 class TurnerConfig(NavigatorConfig):
     """Settings of a toy navigator."""
@@ -232,8 +315,8 @@ def test_names_of_policies_are_checked(explored):
         return str(error.value)
 
     assert refused("evaluate.policies=[me]") == (
-        "evaluate.policies must be one of navigator, topological, oracle, random, "
-        "perfect_controller, perfect_place, perfect_map, perfect_controller_place, "
+        "evaluate.policies must be one of navigator, topological, poses, oracle, "
+        "random, perfect_controller, perfect_place, perfect_map, perfect_controller_place, "
         "perfect_controller_map, perfect_place_map, got me"
     )
     assert refused("navigator=random", "evaluate.policies=[topological]") == (

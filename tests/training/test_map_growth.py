@@ -15,13 +15,14 @@ from tensordict import TensorDict
 from tests.exploring import explore_settings, make_batch, world_of
 from tests.graph.poses.ring_world import EFFECTS, compare, walk
 from toponav import keys
-from toponav.builders import make_layout, make_networks
+from toponav.builders import PLACES_FILE, load_places, make_layout, make_networks
 from toponav.builders.maps import make_map
 from toponav.builders.pretraining import pretraining_decisions
 from toponav.config import SettingsError
 from toponav.graph import PoseRules, load_map, save_map
 from toponav.ground_truth import GroundTruthDistances
 from toponav.training import MapGrowth
+from toponav.training.place_training import PlaceRules
 
 THRESHOLDS = {"reward_threshold": 0.5, "tc_threshold": 0.6, "tc_reach": 0.55}
 
@@ -323,6 +324,8 @@ def pose_growth(monkeypatch):
     # Enough for a small world.
     quick = partial(PoseRules, rounds=4, updates=150)
     monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
+    quick = partial(PlaceRules, updates=150)
+    monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
     return make_pose_growth
 
 
@@ -352,6 +355,15 @@ def test_poses_leave_few_waypoints_at_the_end(tmp_path, pose_growth) -> None:
     state, _ = load_map(tmp_path / "map.zip")
     assert len(state["images"]) == number
     assert np.load(tmp_path / "map_poses.npy").shape == (number, 3)
+    # The file has the poses, and beside it is what knows its waypoints by their views.
+    assert torch.equal(state["positions"], growth.map.waypoints.positions)
+    assert state["positions"].isfinite().all()
+    places = load_places(tmp_path / PLACES_FILE, num_places=number, setting="run")
+    embeddings = growth.map.embeddings
+    with torch.no_grad():
+        found = places(embeddings).argmax(1)
+    away = growth.map.waypoints.positions[found] - growth.map.waypoints.positions
+    assert away.norm(dim=1).median() < 3
 
 
 def test_a_resumed_run_has_the_walks_of_the_map(pose_growth) -> None:
@@ -384,6 +396,6 @@ def test_a_map_whose_poses_do_not_fit_is_said_to_stay(pose_growth, capsys) -> No
     for env in range(2):
         through_the_ring(None, growth, env=env, length=60)
     before = growth.map.num_waypoints
-    growth.consolidate()
+    assert growth.consolidate() is None
     assert growth.map.num_waypoints == before == growth.growth[-1][1]
     assert "map: as it grew" in "".join(capsys.readouterr())

@@ -52,7 +52,7 @@ def steer(pose: Tensor, aim: Tensor, effects: Tensor) -> Tensor:
 
     An action leads agents of ``pose`` ``[N, 3]`` where its ``effects`` ``[A, 3]`` in
     free space do; from there it takes the steps to ``aim`` ``[N, 2]``, and the turns
-    until they look at it.
+    until they look at it, which count less the nearer it is.
 
     Examples:
         >>> effects = torch.tensor([[1.0, 0, 0], [0, 0, 20], [0, 0, -20]])
@@ -65,7 +65,9 @@ def steer(pose: Tensor, aim: Tensor, effects: Tensor) -> Tensor:
     gap = aim.unsqueeze(1) - then[..., :2]
     bearing = torch.atan2(gap[..., 1], gap[..., 0]).rad2deg()
     off = ((bearing - then[..., 2] + 180) % 360 - 180).abs()
-    left: Tensor = gap.norm(dim=2) + off / turn
+    away = gap.norm(dim=2)
+    # Within a step it matters less and less where the aim is seen.
+    left: Tensor = away + away.clamp(max=1) * off / turn
     return -left
 
 

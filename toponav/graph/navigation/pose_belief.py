@@ -27,13 +27,14 @@ class BeliefRules:
     floor: float = 0.02  # likelihood of any view at any pose
     #: Exponent of likelihoods, since successive views say nearly the same.
     power: float = 0.7
-    stopped: float = 0.3  # share of the moves that something stops on the way
-    lost: float = 0.02  # share of the poses that are drawn anew by the view alone
+    stopped: float = 0.2  # share of the moves that something stops on the way
+    still: float = 0.8  # the same, of those after a stopped one: walls stay
+    lost: float = 0.02  # share of the poses that are drawn again by the view alone
 
     def __post_init__(self) -> None:
-        for name, most in {"floor": 1, "power": 1, "stopped": 1, "lost": 1}.items():
-            if not 0 <= (value := getattr(self, name)) <= most:
-                raise ValueError(f"{name} must be in [0, {most}], got {value}")
+        for name in ("floor", "power", "stopped", "still", "lost"):
+            if not 0 <= (value := getattr(self, name)) <= 1:
+                raise ValueError(f"{name} must be in [0, 1], got {value}")
         if self.poses < 1:
             raise ValueError(f"poses must be at least 1, got {self.poses}")
         if self.spread <= 0:
@@ -44,9 +45,9 @@ class PoseBelief:
     """P poses that each of N agents may have, followed by its actions and views.
 
     In each decision poses move as the last action does in free space, some of them less
-    far, since walls stop agents; then those stay that the view speaks for, by the
-    waypoints that it may be at. A few are drawn anew, so that an agent that is mistaken
-    finds itself again.
+    far, since walls stop agents, mostly again and again; then those stay that the view
+    speaks for, by the waypoints that it may be at. A few are drawn again, so that an
+    agent that is mistaken finds itself.
 
     Reference:
         Beyond the paper. Monte Carlo localisation with added poses: Thrun, Burgard and
@@ -76,6 +77,8 @@ class PoseBelief:
         self.generator = generator
         #: float32 ``[N, P, 3]``.
         self.poses = torch.zeros(num_agents, rules.poses, 3)
+        # Whether something stopped the last move, bool [N, P].
+        self._stopped = torch.zeros(num_agents, rules.poses, dtype=torch.bool)
         self._is_new = torch.ones(num_agents, dtype=torch.bool)
 
     def forget(self, agents: Tensor) -> None:
@@ -89,15 +92,16 @@ class PoseBelief:
         """
         rules, number = self.rules, self.rules.poses
         chance, nodes = chance.topk(min(_PLACES, chance.shape[1]))
-        anew = torch.arange(number) < round(rules.lost * number)
-        anew = (anew | self._is_new.unsqueeze(1)).unsqueeze(2)
-        poses = torch.where(anew, self._draw(nodes, chance), self._move(action))
+        is_lost = torch.arange(number) < round(rules.lost * number)
+        redrawn = (is_lost | self._is_new.unsqueeze(1)).unsqueeze(2)
+        poses = torch.where(redrawn, self._draw(nodes, chance), self._move(action))
         near = self.waypoints[nodes].unsqueeze(1)
         apart = decisions_apart(poses.unsqueeze(2), near, self.turn)
         speaks = (-0.5 * (apart / rules.spread).square()).exp() * chance.unsqueeze(1)
         likelihood = (speaks.sum(2) + rules.floor).pow(rules.power)
         drawn = self._multinomial(likelihood)
         self.poses = poses.gather(1, drawn.unsqueeze(2).expand(-1, -1, 3))
+        self._stopped = (self._stopped & ~redrawn.squeeze(2)).gather(1, drawn)
         self._is_new[:] = False
 
     def estimate(self) -> Tensor:
@@ -115,8 +119,12 @@ class PoseBelief:
     def _move(self, action: Tensor) -> Tensor:
         effects = self.effects[action].unsqueeze(1).repeat(1, self.rules.poses, 1)
         draws = torch.rand(2, *effects.shape[:2], generator=self.generator)
+        chance = torch.where(self._stopped, self.rules.still, self.rules.stopped)
+        # A turn on the spot tells nothing about what is ahead.
+        moves = effects[..., :2].norm(dim=2) > 0
+        self._stopped = torch.where(moves, draws[1] < chance, self._stopped)
         # A stopped move may end anywhere on its way.
-        share = draws[0].masked_fill(draws[1] >= self.rules.stopped, 1.0)
+        share = draws[0].masked_fill(~self._stopped, 1.0)
         effects[..., :2] *= share.unsqueeze(2)
         return moved(self.poses, effects) + self._noise(_DRIFT)
 

@@ -43,6 +43,7 @@ class PosesConfig(NavigatorConfig):
     floor: float = MISSING
     power: float = MISSING
     stopped: float = MISSING
+    still: float = MISSING
     lost: float = MISSING
 
     def __post_init__(self) -> None:

@@ -1,0 +1,37 @@
+"""The file of a place network."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from toponav.builders import PLACES_FILE, load_places, save_places
+from toponav.config import SettingsError
+from toponav.modules import PlaceNetwork
+
+
+@pytest.fixture
+def places() -> PlaceNetwork:
+    torch.manual_seed(0)
+    found = PlaceNetwork(5, 8, hidden=16)
+    found.scale_by(torch.randn(30, 8) * 3 + 1)
+    return found.eval()
+
+
+def test_it_loads_as_it_was(places, tmp_path: Path) -> None:
+    path = tmp_path / PLACES_FILE
+    save_places(places, path)
+    again = load_places(path, num_places=5, setting="run")
+    views = torch.randn(4, 8)
+    assert not again.training
+    assert torch.equal(again(views), places(views))
+
+
+def test_one_of_another_map_or_a_damaged_one_is_refused(places, tmp_path) -> None:
+    path = tmp_path / PLACES_FILE
+    save_places(places, path)
+    with pytest.raises(SettingsError, match="knows the 6 waypoints of its map, got 5"):
+        load_places(path, num_places=6, setting="run")
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(SettingsError, match="run must name a complete file, got the d"):
+        load_places(path, num_places=5, setting="run")

@@ -1,0 +1,191 @@
+"""A navigator that knows poses, in a corridor with two corners that look alike."""
+
+from math import cos, radians, sin
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from tests.graph.poses.ring_world import EFFECTS, compare, is_free, look
+from toponav.graph import BeliefRules, NavigatorRules, PoseMap, PoseNavigator
+from toponav.keys import (
+    ACTION,
+    GOAL_VIEWS,
+    IS_INIT,
+    LOST,
+    PATH_COST,
+    PIXELS,
+    PLACE,
+    PREVIOUS_REWARD,
+)
+from toponav.methods.navigators.topological import NavigatorMap
+
+# The middle of the corridor, every 2 steps from one corner to the next, and in each of
+# four directions.
+SIDE = [2.5 + 2.2 * step for step in range(6)]
+ROUND = [
+    *[(x, 2.5) for x in SIDE[:-1]],
+    *[(13.5, y) for y in SIDE[:-1]],
+    *[(x, 13.5) for x in SIDE[:0:-1]],
+    *[(2.5, y) for y in SIDE[:0:-1]],
+]
+HEADINGS = (0.0, 90.0, 180.0, 270.0)
+POSES = torch.tensor([[*place, turn] for place in ROUND for turn in HEADINGS])
+VIEWS = torch.tensor([look(*pose) for pose in POSES.tolist()])
+
+
+def edges() -> torch.Tensor:
+    """Turns on the spot, and steps to the next place without a turn."""
+    number, turns = len(ROUND), len(HEADINGS)
+    found = []
+    for place in range(number):
+        for turn in range(turns):
+            here = place * turns + turn
+            found.append((here, place * turns + (turn + 1) % turns))
+            found.append((here, (place + 1) % number * turns + turn))
+    return torch.tensor(found).sort(1).values.unique(dim=0)
+
+
+def places(embedding: torch.Tensor) -> torch.Tensor:
+    """Logits by the distance of embeddings: both corners are as likely."""
+    return -torch.cdist(embedding, VIEWS).square()
+
+
+def make(seed=0, poses=POSES, **rules):
+    ends = edges()
+    known = NavigatorMap(
+        num_waypoints=len(POSES),
+        embeddings=VIEWS,
+        prepared=VIEWS,
+        edges=ends,
+        edge_cost=(POSES[ends[:, 0], :2] - POSES[ends[:, 1], :2]).norm(dim=1) + 0.3,
+        version=0,
+    )
+    given = {"lookahead": 12, "temperature": 0.2, "mask_noop_actions": True}
+    return PoseNavigator(
+        known,
+        lambda views: views.flatten(1).float(),
+        compare,
+        NavigatorRules(tc_reach=0.0, **(given | {"block_after": None} | rules)),
+        known=PoseMap(poses=poses, track=POSES[:, :2], effects=EFFECTS, places=places),
+        belief=BeliefRules(),
+        goal_reward=10.0,
+        seed=seed,
+    )
+
+
+def reading(poses, goals, *, begins, paid=0.0) -> TensorDict:
+    """What agents at these poses read; four views of each goal."""
+    views = torch.tensor([look(*pose) for pose in poses])
+    shown = [[look(*goal, turn) for turn in HEADINGS] for goal in goals]
+    number = len(poses)
+    return TensorDict(
+        {
+            PIXELS: views.reshape(number, 1, 1, -1),
+            GOAL_VIEWS: torch.tensor(shown).reshape(number, 4, 1, 1, -1),
+            PREVIOUS_REWARD: torch.full((number, 1), paid),
+            IS_INIT: torch.full((number, 1), begins),
+        },
+        [number],
+    )
+
+
+def go(pose, action, closed=None):
+    """Where the action leads: agents slide along walls."""
+    x, y, heading = pose
+    ahead, _, turn = EFFECTS[action].tolist()
+    east, north = ahead * cos(radians(heading)), ahead * sin(radians(heading))
+    x = x + east if _is_open(x + east, y, closed) else x
+    y = y + north if _is_open(x, y + north, closed) else y
+    return x, y, heading + turn
+
+
+def _is_open(x, y, closed) -> bool:
+    inside = closed and closed[0] < x < closed[1] and y < 5
+    return is_free(x, y) and not inside
+
+
+def walk(navigator, start, goal, decisions, closed=None):
+    """Decisions until it is at the goal, and the last pose."""
+    pose = start
+    for number in range(decisions):
+        data = navigator(reading([pose], [goal], begins=number == 0))
+        pose = go(pose, int(data[ACTION]), closed)
+        if abs(pose[0] - goal[0]) + abs(pose[1] - goal[1]) < 1.2:
+            return number + 1, pose
+    return None, pose
+
+
+@pytest.mark.parametrize("goal", [(2.5, 9.1), (9.1, 13.5), (13.5, 4.7)])
+def test_it_walks_to_the_goal_from_either_side(goal) -> None:
+    for seed, start in enumerate([(6.9, 2.5, 10.0), (13.5, 9.1, 200.0)]):
+        decisions, pose = walk(make(seed), start, goal, 120)
+        # At most half of the way round, 22 steps, and turns at its corners.
+        assert decisions is not None, (start, goal, pose)
+
+
+def test_of_two_corners_that_look_alike_it_knows_its_own() -> None:
+    navigator, pose = make(), (6.9, 2.5, 180.0)
+    # 5 steps to the corner at (2, 2), whose views are those of the one at (14, 14).
+    for number in range(5):
+        data = navigator(reading([pose], [(2.5, 9.1)], begins=number == 0))
+        pose = go(pose, 0)
+        navigator.sampler.last_action = torch.tensor([0])
+    place = POSES[int(data[PLACE])]
+    assert (place[:2] - torch.tensor([2.5, 2.5])).norm() < 3
+
+
+def test_an_edge_that_cannot_be_passed_is_walked_around() -> None:
+    start, goal, closed = (2.5, 4.7, 270.0), (9.1, 2.5), (3.2, 8.0)
+    decisions, _ = walk(make(), start, goal, 60, closed)
+    assert decisions is None
+    decisions, _ = walk(make(block_after=20), start, goal, 300, closed)
+    # 40 steps round the other way, after 20 before the blockage.
+    assert decisions is not None
+    assert decisions > 50
+
+
+def test_an_episode_of_one_agent_leaves_the_others_alone() -> None:
+    navigator = make()
+    two = [(6.9, 2.5, 0.0), (13.5, 9.1, 90.0)], [(2.5, 9.1), (2.5, 9.1)]
+    navigator(reading(*two, begins=True))
+    for _ in range(4):
+        navigator(reading(*two, begins=False))
+    data = reading([(6.9, 13.5, 0.0), two[0][1]], two[1], begins=False)
+    data[IS_INIT][0] = True
+    data = navigator(data)
+    assert (
+        POSES[data[PLACE].flatten()][:, 0] - torch.tensor([6.9, 13.5])
+    ).abs().max() < 3
+    # The second one's belief is what five views made of it.
+    spread = navigator.belief.poses[1, :, :2].std(0).norm()
+    assert spread < 2
+    # A goal's reward says that an agent was put elsewhere, too.
+    data = reading([two[0][0], two[0][0]], two[1], begins=False)
+    data[PREVIOUS_REWARD][1] = 10.0
+    data = navigator(data)
+    assert abs(POSES[int(data[PLACE][1]), 0] - 6.9) < 3
+
+
+def test_what_it_says_has_the_shapes_of_a_navigator() -> None:
+    data = reading([(6.9, 2.5, 0.0)] * 6, [(2.5, 9.1)] * 6, begins=True).reshape(2, 3)
+    data = make()(data)
+    assert data[ACTION].shape == (2, 3)
+    for key in (PLACE, PATH_COST, LOST):
+        assert data[key].shape == (2, 3, 1)
+    assert not data[LOST].any()
+
+
+def test_a_seed_repeats_it() -> None:
+    one, other = (walk(make(3), (6.9, 2.5, 10.0), (2.5, 9.1), 60) for _ in range(2))
+    assert one == other
+
+
+def test_a_map_without_poses_is_refused() -> None:
+    some = POSES.clone()
+    some[3] = torch.nan
+    rule = (
+        rf"all {len(POSES)} waypoints of the map must have poses, got {len(POSES) - 1}"
+    )
+    with pytest.raises(ValueError, match=rule):
+        make(poses=some)
