@@ -15,6 +15,7 @@ from toponav.graph.poses import (
     count_moves,
     estimate_poses,
     nearest_waypoints,
+    trusted_moves,
 )
 from toponav.graph.topological_map import TopologicalMap
 from toponav.graph.trajectories import Trajectory
@@ -103,6 +104,7 @@ def consolidate(
     )
     ends = np.cumsum([len(walk.actions) for walk in walks])[:-1]
     moves = count_moves(np.split(near, ends))
+    moves = trusted_moves(moves, places[kept, :2])
     chosen_poses = torch.from_numpy(places[kept]).float()
     topological_map.rebuild(torch.from_numpy(kept), moves, chosen_poses)
     return Consolidation(torch.from_numpy(kept), embeddings, of_views)

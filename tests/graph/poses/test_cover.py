@@ -3,7 +3,12 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from toponav.graph.poses import choose_waypoints, decisions_apart, nearest_waypoints
+from toponav.graph.poses import (
+    choose_waypoints,
+    decisions_apart,
+    nearest_waypoints,
+    trusted_moves,
+)
 
 LIMITS = {"within": 4.0, "above": 0.6, "turn": 20.0}
 
@@ -52,3 +57,30 @@ def test_views_without_a_waypoint_are_nowhere() -> None:
     views = np.array([[0.0, 0, 0], [4.1, 0, 0], [np.nan, 0, 0]])
     near = nearest_waypoints(views, np.zeros((1, 3)), same, **LIMITS)
     assert near.tolist() == [0, -1, -1]
+
+
+def test_a_move_through_a_wall_that_was_made_once_goes() -> None:
+    # Two corridors of 10 waypoints side by side, 2 steps from each other, joined at
+    # their first ones.
+    positions = np.array([[x, y] for y in (0.0, 2.0) for x in np.arange(10.0)])
+    moves = {(at, at + 1): 4 for at in range(19) if at != 9} | {(0, 10): 4}
+    once = {(4, 6): 1, (6, 4): 0, (9, 19): 1, (3, 13): 1}
+    # By 2.5 x 2 + 4 = 9 steps at most: from 4 to 6 there are 2, from 3 to 13 there are
+    # 3 + 2 + 3 = 8, from 9 to 19 there are 20.
+    kept = trusted_moves(moves | once, positions)
+    assert {pair for pair in once if pair in kept} == {(4, 6), (6, 4), (3, 13)}
+    # What leads to the second corridor alone stays.
+    del moves[0, 10]
+    kept = trusted_moves(moves | {(9, 19): 1}, positions)
+    assert kept[9, 19] == 1
+
+
+def test_there_and_back_count_together() -> None:
+    positions = np.array([[0.0, 0.0], [0.0, 1.0], [9.0, 0.0]])
+    often = {(0, 1): 5, (1, 2): 5}
+    assert (2, 0) in trusted_moves(
+        often | {(0, 2): 1, (2, 0): 1}, positions, detour=0.1, beyond=0.1
+    )
+    assert (2, 0) not in trusted_moves(
+        often | {(2, 0): 1}, positions, detour=0.1, beyond=0.1
+    )

@@ -4,6 +4,7 @@ from toponav.graph.poses.cover import (
     choose_waypoints as choose_waypoints,
     count_moves as count_moves,
     nearest_waypoints as nearest_waypoints,
+    trusted_moves as trusted_moves,
 )
 from toponav.graph.poses.frames import (
     decisions_apart as decisions_apart,

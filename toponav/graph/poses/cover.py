@@ -1,11 +1,13 @@
 """Few waypoints that stand for all views, and the moves between them."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import shortest_path
 
 from toponav.graph.poses.frames import decisions_apart
 
@@ -16,6 +18,8 @@ Alike = Callable[[Numbers, Numbers], Floats]
 
 #: Views whose distances to all waypoints are computed in one call.
 _CHUNK = 2048
+#: Steps of the shortest edge.
+_LEAST = 1e-6
 
 
 def choose_waypoints(
@@ -102,3 +106,73 @@ def count_moves(walks: Iterable[Numbers], *, stay: int = 2) -> Counter[tuple[int
         stops = [int(visit[0]) for visit in visits if len(visit) >= stay]
         moves.update(pair for pair in pairwise(stops) if pair[0] != pair[1])
     return moves
+
+
+def trusted_moves(
+    moves: Mapping[tuple[int, int], int],
+    positions: Floats,
+    *,
+    often: int = 2,
+    detour: float = 2.5,
+    beyond: float = 4.0,
+) -> Counter[tuple[int, int]]:
+    """Those ``moves`` that fit the ones that were made often.
+
+    A view that was taken for another place makes a move through a wall, mostly once.
+    Moves that were made fewer than ``often`` times, there and back, stay where other
+    moves lead from one end to the other by at most ``detour`` times the steps between
+    them and ``beyond``; or where nothing else does, the most frequent first.
+
+    Args:
+        moves: from waypoint to waypoint, how often.
+        positions: of the W waypoints in steps, ``[W, 2]``.
+        often: times, both ways together, from which a move is trusted.
+        detour: most steps by other moves for each step between the ends.
+        beyond: steps that these may be more.
+
+    Examples:
+        >>> positions = np.array([[0.0, 0], [0, 9], [9, 9], [9, 0]])
+        >>> moves = {(0, 1): 5, (1, 2): 5, (2, 3): 5, (3, 0): 1}
+        >>> sorted(trusted_moves(moves, positions, often=2, detour=2.0))
+        [(0, 1), (1, 2), (2, 3)]
+    """
+    counts = Counter[tuple[int, int]]()
+    for (one, other), count in moves.items():
+        counts[min(one, other), max(one, other)] += count
+    trusted = {pair for pair, count in counts.items() if count >= often}
+    steps = {
+        pair: float(np.linalg.norm(np.subtract(*positions[[*pair]]))) for pair in counts
+    }
+    rest = sorted(
+        counts.keys() - trusted, key=lambda pair: (-counts[pair], steps[pair])
+    )
+    apart = _path_lengths(trusted, steps, len(positions))
+    bridges = []
+    for pair in rest:
+        if apart[pair] <= detour * steps[pair] + beyond:
+            trusted.add(pair)
+        elif not np.isfinite(apart[pair]):
+            bridges.append(pair)
+    for pair in bridges:
+        # What was added may join its ends by now.
+        if not np.isfinite(_path_lengths(trusted, steps, len(positions))[pair]):
+            trusted.add(pair)
+    return Counter(
+        {
+            (one, other): count
+            for (one, other), count in moves.items()
+            if (min(one, other), max(one, other)) in trusted
+        }
+    )
+
+
+def _path_lengths(
+    edges: Iterable[tuple[int, int]], steps: Mapping[tuple[int, int], float], num: int
+) -> Floats:
+    """Steps from waypoint to waypoint by ``edges``, ``[W, W]``, infinite if none."""
+    pairs = np.array([*edges], np.int64).reshape(-1, 2)
+    # No edge is of length 0, which would be none.
+    lengths = np.array([steps[one, other] for one, other in pairs.tolist()]) + _LEAST
+    graph = csr_array((lengths, tuple(pairs.T)), shape=(num, num))
+    found: Floats = shortest_path(graph, directed=False)
+    return found
