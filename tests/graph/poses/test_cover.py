@@ -64,11 +64,11 @@ def test_a_move_through_a_wall_that_was_made_once_goes() -> None:
     # their first ones.
     positions = np.array([[x, y] for y in (0.0, 2.0) for x in np.arange(10.0)])
     moves = {(at, at + 1): 4 for at in range(19) if at != 9} | {(0, 10): 4}
-    once = {(4, 6): 1, (6, 4): 0, (9, 19): 1, (3, 13): 1}
-    # By 2.5 x 2 + 4 = 9 steps at most: from 4 to 6 there are 2, from 3 to 13 there are
-    # 3 + 2 + 3 = 8, from 9 to 19 there are 20.
+    once = {(4, 6): 1, (6, 4): 0, (9, 19): 1, (1, 11): 1}
+    # By 1.5 x 2 + 3 = 6 steps at most: from 4 to 6 there are 2, from 1 to 11 there are
+    # 1 + 2 + 1 = 4, from 9 to 19 there are 20.
     kept = trusted_moves(moves | once, positions)
-    assert {pair for pair in once if pair in kept} == {(4, 6), (6, 4), (3, 13)}
+    assert {pair for pair in once if pair in kept} == {(4, 6), (6, 4), (1, 11)}
     # What leads to the second corridor alone stays.
     del moves[0, 10]
     kept = trusted_moves(moves | {(9, 19): 1}, positions)

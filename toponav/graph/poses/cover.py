@@ -113,8 +113,8 @@ def trusted_moves(
     positions: Floats,
     *,
     often: int = 2,
-    detour: float = 2.5,
-    beyond: float = 4.0,
+    detour: float = 1.5,
+    beyond: float = 3.0,
 ) -> Counter[tuple[int, int]]:
     """Those ``moves`` that fit the ones that were made often.
 
@@ -133,7 +133,7 @@ def trusted_moves(
     Examples:
         >>> positions = np.array([[0.0, 0], [0, 9], [9, 9], [9, 0]])
         >>> moves = {(0, 1): 5, (1, 2): 5, (2, 3): 5, (3, 0): 1}
-        >>> sorted(trusted_moves(moves, positions, often=2, detour=2.0))
+        >>> sorted(trusted_moves(moves, positions, often=2))
         [(0, 1), (1, 2), (2, 3)]
     """
     counts = Counter[tuple[int, int]]()
