@@ -5,7 +5,8 @@ import torch
 
 from toponav.graph import BeliefRules, PoseBelief
 
-EFFECTS = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 20.0]])
+# Ahead, to the left, and nothing.
+EFFECTS = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 20.0], [0.0, 0.0, 0.0]])
 # A corridor to the east: a waypoint every two steps, from 0 to 18; those at 4 and 14
 # look alike.
 WAYPOINTS = torch.tensor([[2.0 * number, 0.0, 0.0] for number in range(10)])
@@ -62,11 +63,13 @@ def test_turns_are_followed_without_a_view_that_says_anything() -> None:
 def test_an_agent_that_was_carried_away_finds_itself_again() -> None:
     belief = make()
     for _ in range(5):
-        belief.update(act(1), see(1))
+        belief.update(act(2), see(1))
     for _ in range(15):
-        belief.update(act(1), see(8))
-    # It turned on the spot, and yet it is at 16.
+        belief.update(act(2), see(8))
+    # It did nothing, and yet it is at 16.
     assert abs(belief.estimate()[0, 0].item() - 16) < 2
+    # Nearly all of its poses are there, not those alone that were drawn again.
+    assert ((belief.poses[0, :, 0] - 16).abs() < 3).float().mean() > 0.9
 
 
 def test_one_that_forgets_leaves_the_others_alone() -> None:

@@ -124,6 +124,15 @@ def test_it_walks_to_the_goal_from_either_side(goal) -> None:
         assert decisions is not None, (start, goal, pose)
 
 
+def test_a_goal_is_where_most_of_its_views_are() -> None:
+    data = reading([(6.9, 2.5, 0.0)], [(13.5, 9.1)], begins=True)
+    data[GOAL_VIEWS][0, 2] = torch.tensor(look(2.5, 9.1, 90.0))
+    navigator = make()
+    navigator(data)
+    # The mean of all four would be 2.75 to the west.
+    assert (navigator._goal[0] - torch.tensor([13.5, 9.1])).norm() < 1.5
+
+
 def test_of_two_corners_that_look_alike_it_knows_its_own() -> None:
     navigator, pose = make(), (6.9, 2.5, 180.0)
     # 5 steps to the corner at (2, 2), whose views are those of the one at (14, 14).
