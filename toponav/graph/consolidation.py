@@ -14,6 +14,7 @@ from toponav.graph.poses import (
     choose_waypoints,
     count_moves,
     estimate_poses,
+    fastest_turn,
     nearest_waypoints,
     trusted_moves,
 )
@@ -77,7 +78,7 @@ def consolidate(
     views = of_views.double().numpy()
     places = views[rows := _rows_of_waypoints(topological_map, walks)]
     places[rows < 0] = np.nan
-    turn = float(effects[:, 2].abs().max())
+    turn = fastest_turn(effects)
     limits = {"above": above, "turn": turn}
 
     def alike(one: Tensor, entries: Tensor) -> NDArray[np.float64]:

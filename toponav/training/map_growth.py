@@ -39,6 +39,7 @@ from toponav.graph import (
     save_map,
     sparsify,
 )
+from toponav.graph.poses import fastest_turn
 from toponav.metrics import (
     map_parts,
     waypoint_shares,
@@ -197,7 +198,7 @@ class MapGrowth(Consumer):
     def learn_places(self, embeddings: Tensor, poses: Tensor, folder: Path) -> None:
         """Train and save the network that knows the map's waypoints by their views."""
         assert self.effects is not None
-        turn = float(self.effects[:, 2].abs().max())
+        turn = fastest_turn(self.effects)
         rules = PlaceRules(seed=self.seed)
         places = train_places(embeddings, poses, self.map.waypoints.poses, turn, rules)
         save_places(places, folder / PLACES_FILE)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from toponav.graph.poses import moved
+from toponav.graph.poses import fastest_turn, moved
 
 #: Means that are taken of the positions around each, one after the other.
 _ROUNDS = 2
@@ -60,7 +60,7 @@ def steer(pose: Tensor, aim: Tensor, effects: Tensor) -> Tensor:
         >>> steer(torch.zeros(1, 3), behind_to_the_left, effects).argmax(1)
         tensor([1])
     """
-    turn = float(effects[:, 2].abs().max())
+    turn = fastest_turn(effects)
     then = moved(pose.unsqueeze(1), effects)
     gap = aim.unsqueeze(1) - then[..., :2]
     bearing = torch.atan2(gap[..., 1], gap[..., 0]).rad2deg()

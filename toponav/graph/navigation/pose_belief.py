@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from toponav.graph.poses import decisions_apart, moved
+from toponav.graph.poses import decisions_apart, fastest_turn, moved
 
 #: Standard deviations of what poses change by themselves in a decision, and around a
 #: waypoint that they are drawn at: steps, steps and degrees.
@@ -72,7 +72,7 @@ class PoseBelief:
     ) -> None:
         self.waypoints = waypoints
         self.effects = effects
-        self.turn = float(effects[:, 2].abs().max())
+        self.turn = fastest_turn(effects)
         self.rules = rules
         self.generator = generator
         #: float32 ``[N, P, 3]``.

@@ -11,7 +11,7 @@ from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
 from toponav.graph.navigation.path_following import aim_along, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
-from toponav.graph.poses import decisions_apart
+from toponav.graph.poses import decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
 
@@ -98,7 +98,7 @@ class PoseNavigator(Navigator):
         self.known = known
         self.belief_rules = belief
         self.ahead, self.search = ahead, search
-        self.turn = float(known.effects[:, 2].abs().max())
+        self.turn = fastest_turn(known.effects)
 
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
         super()._resize(num_agents, num_goal_views, length)

@@ -8,6 +8,7 @@ from toponav.graph.poses.cover import (
 )
 from toponav.graph.poses.frames import (
     decisions_apart as decisions_apart,
+    fastest_turn as fastest_turn,
     moved as moved,
 )
 from toponav.graph.poses.pose_graph import (

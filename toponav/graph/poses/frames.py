@@ -42,3 +42,8 @@ def moved(poses: Tensor, effects: Tensor) -> Tensor:
     ahead, left, turn = effects.unbind(-1)
     change = [ahead * cos - left * sin, ahead * sin + left * cos, turn + 0 * angle]
     return poses + torch.stack(change, -1)
+
+
+def fastest_turn(effects: Tensor) -> float:
+    """Degrees that the fastest of actions with these ``effects`` ``[A, 3]`` turns."""
+    return float(effects[:, 2].abs().max())

@@ -84,16 +84,8 @@ def make_pose_navigator(
     if edges is None:
         one, other = known.edges.unbind(1)
         edges = known.edges, (track[one] - track[other]).norm(dim=1) + _EDGE_COST
-    navigator_map = NavigatorMap(
-        num_waypoints=known.num_waypoints,
-        embeddings=known.embeddings,
-        prepared=known.prepared,
-        edges=edges[0],
-        edge_cost=edges[1],
-        version=known.version,
-    )
     return PoseNavigator(
-        navigator_map,
+        NavigatorMap.of(known, known.embeddings, edges),
         tc.embed,
         tc.compare_prepared,
         config.rules(),

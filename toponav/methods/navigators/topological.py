@@ -9,7 +9,7 @@ from torch import Tensor
 
 from toponav.builders import AgentKnowledge, GoalPlaces
 from toponav.config import NavigatorConfig, at_least, one_of, refusing
-from toponav.graph import Navigator, NavigatorRules
+from toponav.graph import Navigator, NavigatorRules, TopologicalMap
 from toponav.methods.navigators.method import NavigatorMethod
 
 _VIEWS_AT_ONCE = 64
@@ -57,6 +57,20 @@ class NavigatorMap:
     edge_cost: Tensor
     version: int
 
+    @classmethod
+    def of(
+        cls, known: TopologicalMap, embeddings: Tensor, edges: tuple[Tensor, Tensor]
+    ) -> "NavigatorMap":
+        """A map as it is now, with these ``edges`` ``[E, 2]`` and their costs."""
+        return cls(
+            num_waypoints=known.num_waypoints,
+            embeddings=embeddings,
+            prepared=known.prepared,
+            edges=edges[0],
+            edge_cost=edges[1],
+            version=known.version,
+        )
+
 
 def make_navigator(
     config: TopologicalConfig,
@@ -100,16 +114,8 @@ def make_navigator(
         walked = known.graph.traversals > 0
         cost = torch.where(walked, 1.0, config.untraversed_edge_cost)
         edges = known.edges, cost.float()
-    navigator_map = NavigatorMap(
-        num_waypoints=known.num_waypoints,
-        embeddings=embeddings,
-        prepared=known.prepared,
-        edges=edges[0],
-        edge_cost=edges[1],
-        version=known.version,
-    )
     return Navigator(
-        navigator_map,
+        NavigatorMap.of(known, embeddings, edges),
         embed,
         compare,
         act,
