@@ -50,6 +50,10 @@ def test_false_edges_are_those_that_are_far_on_foot(distances) -> None:
     assert (quality.components, quality.largest_component) == (1, 1.0)
     # Without 0-1 its end 1 is a part of its own.
     assert quality.true_components == 2
+    # Costs do not say what was walked if that is given.
+    walked = torch.tensor([False, True, True, True])
+    again = map_quality(distances, poses, edges, torch.ones(4), walked=walked)
+    assert again.false_walked_edges == pytest.approx(1 / 3)
     # Closer than that, the edge of three cells is false as well.
     tight = map_quality(distances, poses, edges, torch.ones(4), far_cells=2.5)
     assert tight.false_edges == tight.false_walked_edges == pytest.approx(1 / 2)

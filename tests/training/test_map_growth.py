@@ -19,8 +19,9 @@ from toponav.builders import PLACES_FILE, load_places, make_layout, make_network
 from toponav.builders.maps import make_map
 from toponav.builders.pretraining import pretraining_decisions
 from toponav.config import SettingsError
-from toponav.graph import PoseRules, load_map, save_map
+from toponav.graph import PoseRules, load_map, save_map, walking_costs
 from toponav.ground_truth import GroundTruthDistances
+from toponav.metrics import map_quality
 from toponav.training import MapGrowth
 from toponav.training.place_training import PlaceRules
 
@@ -338,7 +339,9 @@ def make_pose_growth(folder=None):
     return config, growth
 
 
-def test_poses_leave_few_waypoints_at_the_end(tmp_path, pose_growth) -> None:
+def test_poses_leave_few_waypoints_at_the_end(
+    tmp_path, pose_growth, monkeypatch
+) -> None:
     config, growth = pose_growth(tmp_path)
     assert keys.ACTION in growth.in_keys
     # Nothing that is read, but for what judges the map, says where the agent is.
@@ -346,12 +349,22 @@ def test_poses_leave_few_waypoints_at_the_end(tmp_path, pose_growth) -> None:
     assert not any("privileged" in key for key in set(growth.in_keys) - judged)
     for env in range(3):
         through_the_ring(config, growth, env=env)
-    many = growth.map.num_waypoints
+    many, planned = growth.map.num_waypoints, []
+
+    def judge(metric, poses, edges, cost, **given):
+        planned.append(cost)
+        return map_quality(metric, poses, edges, cost, **given)
+
+    monkeypatch.setattr("toponav.training.map_truth.map_quality", judge)
     growth.finish(tmp_path)
     number = growth.map.num_waypoints
     assert 10 < number < many / 2
     assert len(growth.truth.poses.values) == number == growth.growth[-1][1]
     assert growth.rows[-1]["waypoints"] == number
+    # Paths are planned by steps, as an agent plans that knows poses.
+    waypoints, graph = growth.map.waypoints, growth.map.graph
+    cost = walking_costs(waypoints.positions, graph.edges, graph.traversals)
+    torch.testing.assert_close(planned[-1], cost)
     state, _ = load_map(tmp_path / "map.zip")
     assert len(state["images"]) == number
     assert np.load(tmp_path / "map_poses.npy").shape == (number, 3)

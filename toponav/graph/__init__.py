@@ -30,6 +30,7 @@ from toponav.graph.navigation import (
     PoseMap as PoseMap,
     PoseNavigator as PoseNavigator,
     to_the_middle as to_the_middle,
+    walking_costs as walking_costs,
 )
 from toponav.graph.pieces import MapKeys as MapKeys
 from toponav.graph.poses import PoseRules as PoseRules

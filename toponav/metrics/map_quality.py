@@ -29,7 +29,7 @@ class MapQuality:
     edges: int
     coverage: float  # share of the open cells in which a waypoint lies
     false_edges: float  # share of the edges whose ends are far apart on foot
-    false_walked_edges: float  # the same among the edges that cost 1
+    false_walked_edges: float  # the same among the edges that were walked
     # Share of the planned paths between random waypoints that contain a false edge.
     false_paths: float
     # Share of the pairs of waypoints that lie close and look the same way, but that no
@@ -52,6 +52,7 @@ def map_quality(
     edges: Tensor,
     edge_cost: Tensor,
     *,
+    walked: Tensor | None = None,
     far_cells: float = FALSE_EDGE_CELLS,
     hops: int = 3,
     seed: int = 0,
@@ -61,7 +62,8 @@ def map_quality(
     Poses ``[W, 3]`` are x and y in map units and heading in degrees. Paths over the
     ``edges``, int64 ``[E, 2]``, are planned by ``edge_cost`` ``[E]``, and short up to
     so many ``hops``. An edge is false if its ends are more than ``far_cells`` apart on
-    foot. ``seed`` is of the draw of waypoints.
+    foot. ``walked``, bool ``[E]``, says which edges were, those that cost 1 by default.
+    ``seed`` is of the draw of waypoints.
 
     Examples:
         >>> distances = GroundTruthDistances(torch.ones(1, 6).bool(), cell_size=10)
@@ -96,7 +98,7 @@ def map_quality(
         edges=len(edges),
         coverage=float(covered_cells(distances, poses).float().mean()),
         false_edges=float(far.float().mean()),
-        false_walked_edges=float(far[edge_cost <= 1].float().mean()),
+        false_walked_edges=float(far[edge_cost <= 1 if walked is None else walked].float().mean()),
         false_paths=float(leads_wrong.float().mean()),
         missing_edges=_missing_edges(distances, poses, edges, drawn, hops),
         **map_parts(len(poses), edges),

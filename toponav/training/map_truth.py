@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from toponav.builders import World
-from toponav.graph import decode_view
+from toponav.graph import decode_view, walking_costs
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.metrics import FALSE_EDGE_CELLS, covered_cells, edge_lengths, map_quality
 from toponav.plotting import FloorPlan, draw_topological_map
@@ -64,7 +64,11 @@ class MapTruth:
     def measure(self, now: Snapshot, pretrained: float) -> Row:
         """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
         edges, cost = now.state["edges"], now.cost
-        quality = map_quality(self._metric, now.poses, edges, cost)
+        walked, positions = cost <= 1, now.state["positions"]
+        if not positions.isnan().any():
+            # As a navigator that knows poses plans.
+            cost = walking_costs(positions, edges, now.state["traversals"])
+        quality = map_quality(self._metric, now.poses, edges, cost, walked=walked)
         return {
             "cells": int(self._metric.open_mask.sum()),
             **vars(quality),

@@ -3,7 +3,12 @@
 import torch
 from hypothesis import given, strategies as st
 
-from toponav.graph.navigation import aim_along, steer, to_the_middle
+from toponav.graph.navigation import (
+    aim_along,
+    steer,
+    to_the_middle,
+    walking_costs,
+)
 
 # Ahead, back, left, right, and ahead and left at once.
 EFFECTS = torch.tensor(
@@ -86,3 +91,12 @@ def test_what_lies_beside_a_wall_moves_away_from_it() -> None:
     assert found[inside, 1].abs().max() < 0.5
     # Along the corridor nothing draws it.
     torch.testing.assert_close(found[inside, 0], corridor[inside, 0], atol=0.05, rtol=0)
+
+
+def test_an_edge_costs_its_steps_and_less_the_more_often_it_was_walked() -> None:
+    positions = torch.tensor([[0.0, 0.0], [6.0, 8.0], [6.0, 9.0]])
+    edges = torch.tensor([[0, 1], [1, 2], [0, 2]])
+    counts = torch.tensor([[1, 0], [2, 2], [0, 0]])
+    # 10 + 0.3 + 1 / 1; 1 + 0.3 + 1 / 4; one that was never walked, as one that was once.
+    expected = torch.tensor([11.3, 1.55, 117**0.5 + 1.3])
+    torch.testing.assert_close(walking_costs(positions, edges, counts), expected)

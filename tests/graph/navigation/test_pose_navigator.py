@@ -51,7 +51,7 @@ def places(embedding: torch.Tensor) -> torch.Tensor:
     return -torch.cdist(embedding, VIEWS).square()
 
 
-def make(seed=0, poses=POSES, **rules):
+def make(seed=0, poses=POSES, places=places, place_key=None, **rules):
     ends = edges()
     known = NavigatorMap(
         num_waypoints=len(POSES),
@@ -70,6 +70,7 @@ def make(seed=0, poses=POSES, **rules):
         known=PoseMap(poses=poses, track=POSES[:, :2], effects=EFFECTS, places=places),
         belief=BeliefRules(),
         goal_reward=10.0,
+        place_key=place_key,
         seed=seed,
     )
 
@@ -188,6 +189,20 @@ def test_what_it_says_has_the_shapes_of_a_navigator() -> None:
 def test_a_seed_repeats_it() -> None:
     one, other = (walk(make(3), (6.9, 2.5, 10.0), (2.5, 9.1), 60) for _ in range(2))
     assert one == other
+
+
+def test_an_agent_that_is_told_its_waypoint_believes_in_poses_around_it() -> None:
+    # Its own place network would say that it is at the opposite corner.
+    elsewhere, told = POSES.flip(0), ("privileged", "place")
+    navigator = make(
+        places=lambda views: -torch.cdist(views, VIEWS.flip(0)).square(),
+        place_key=told,
+    )
+    data = reading([POSES[8].tolist()], [POSES[20, :2].tolist()], begins=True)
+    found = navigator(data.set(told, torch.tensor([[8]])))
+    assert found[PLACE].item() == 8
+    assert (navigator._pose[0, :2] - POSES[8, :2]).norm() < 1
+    assert (elsewhere[8, :2] - POSES[8, :2]).norm() > 3
 
 
 def test_a_map_without_poses_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Steering by poses: the point of a path to aim at, and what leads there."""
+"""Paths by poses: what they cost, the point to aim at, and what leads there."""
 
 from typing import NamedTuple
 
@@ -9,6 +9,28 @@ from toponav.graph.poses import fastest_turn, moved
 
 #: Means that are taken of the positions around each, one after the other.
 _ROUNDS = 2
+#: Decisions that an edge costs beside its steps, so that of equal paths the one with
+#: fewer waypoints is walked; and, divided by how often it was traversed, for the doubt
+#: whether it can be: an edge through a wall comes from a view taken for another place.
+_EDGE_COST, _DOUBT = 0.3, 1.0
+
+
+def walking_costs(positions: Tensor, edges: Tensor, traversals: Tensor) -> Tensor:
+    """Decisions that each of E edges costs, float32 ``[E]``: its steps, and doubts.
+
+    Args:
+        positions: of the map's waypoints, ``[W, 2]``, in steps.
+        edges: int64 ``[E, 2]``.
+        traversals: how often agents went there and back, ``[E, 2]``.
+
+    Examples:
+        >>> positions, edges = torch.tensor([[0.0, 0], [3, 4]]), torch.tensor([[0, 1]])
+        >>> walking_costs(positions, edges, torch.tensor([[1, 1]]))  # 5 + 0.3 + 1 / 2
+        tensor([5.8000])
+    """
+    one, other = edges.unbind(1)
+    steps = (positions[one] - positions[other]).norm(dim=1)
+    return steps + _EDGE_COST + _DOUBT / traversals.sum(1).clamp(min=1)
 
 
 class Aim(NamedTuple):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
+from torch.nn.functional import one_hot
 
 from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
@@ -143,7 +144,11 @@ class PoseNavigator(Navigator):
         self._aside[agents] = 0
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
-        chance = self.known.places(embedding).softmax(1).cpu()
+        if self.place_key is None:
+            chance = self.known.places(embedding).softmax(1).cpu()
+        else:
+            told = data[self.place_key].reshape(-1).cpu()
+            chance = one_hot(told, len(self.known.poses)).float()
         self.belief.update(self.sampler.last_action, chance)
         self._pose = self.belief.estimate()
         if self.place_key is not None:

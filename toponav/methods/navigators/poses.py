@@ -14,13 +14,10 @@ from toponav.graph import (
     PoseMap,
     PoseNavigator,
     to_the_middle,
+    walking_costs,
 )
 from toponav.methods.navigators.method import NavigatorMethod
 from toponav.methods.navigators.topological import NavigatorMap
-
-#: What an edge costs beside its steps, so that of equal paths the one with fewer
-#: waypoints is walked.
-_EDGE_COST = 0.3
 
 
 @dataclass
@@ -82,8 +79,8 @@ def make_pose_navigator(
     assert effects is not None  # mazes have them
     track = to_the_middle(poses[:, :2], width=config.width)
     if edges is None:
-        one, other = known.edges.unbind(1)
-        edges = known.edges, (track[one] - track[other]).norm(dim=1) + _EDGE_COST
+        cost = walking_costs(track, known.edges, known.graph.traversals)
+        edges = known.edges, cost
     return PoseNavigator(
         NavigatorMap.of(known, known.embeddings, edges),
         tc.embed,
