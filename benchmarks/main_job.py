@@ -5,7 +5,7 @@
 
 ``recipes/explore.py maze=... reward.alpha=0.2`` runs in a process of its own with empty
 folders, so that nothing is found again: it pre-trains, explores with map, log, pictures
-and checkpoints, trains the L-network's head, and evaluates. Beside the seconds of each
+and checkpoints, makes its map, and evaluates. Beside the seconds of each
 phase stands the share of all cores that were busy, when the first pictures came, what
 the run reached, and the share of a roof: what the phase would take if all cores did
 nothing but the products of its networks (in the faster precision, at the rate of one
@@ -32,6 +32,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from toponav.builders import make_autocast, make_networks, prepare_process
 from toponav.config import ExploreConfig, PretrainConfig
 from toponav.methods import make_world
+from toponav.reports import EVALUATE
 
 ROOT = Path(__file__).resolve().parent.parent
 #: What is waited for: coverage and a map of a random walk, while the networks train;
@@ -139,12 +140,14 @@ def roofs(explore: ExploreConfig, pretrain: PretrainConfig) -> dict[str, float]:
     walked += pretrain.validate.episodes * pretrain.validate.decisions
     decision = sum(parts.values()) / cores
     played = 2 * explore.evaluate.episodes * world.episode_length
+    trains_head = explore.trains_head(by_poses=explore.map.poses)
     tuned = explore.locomotion.updates * explore.locomotion.pairs * head / 8
     return {
         "pre-train": pretrain.train.updates * per_update / rate
         + walked * parts["engines"] / cores,
         "explore": explore.collect.decisions * decision,
-        "evaluate and train the L-network's head": tuned / rate
+        # Poses and the network of the map's places are left out.
+        EVALUATE: tuned / rate * trains_head
         + played * (decision - parts["learn"] / cores),
     }
 

@@ -14,6 +14,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from tests.builders.test_navigation import Explored, navigate_settings
 from tests.explored import make_run
+from tests.test_conf import settings
 from toponav.builders import (
     GoalPlaces,
     GroundTruth,
@@ -356,3 +357,13 @@ def test_names_of_policies_are_checked(explored):
 def test_a_value_out_of_range_is_refused(override, message):
     with pytest.raises(SettingsError, match=message):
         navigate_settings(None, override)
+
+
+def test_by_default_it_walks_by_poses_and_at_the_papers_scale_as_the_paper_has_it():
+    config = settings("navigate", "maze=maze1")
+    assert config.navigator.name == "poses"
+    config = settings("navigate", "maze=maze1", "navigate=paper")
+    assert config.navigator.name == "topological"
+    assert config.navigator.block_on == "edge"
+    config = settings("navigate", "maze=maze1", "navigate=paper", "navigator=poses")
+    assert config.navigator.name == "poses"

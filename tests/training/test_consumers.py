@@ -39,7 +39,8 @@ def consumers_of(folder: Path, *overrides: str):
 @pytest.mark.parametrize(
     ("overrides", "names"),
     [
-        ([], ["episodes", "learner", "best", "reward", "map", "locomotion"]),
+        # Nothing needs the L-network where the map is made by poses.
+        ([], ["episodes", "learner", "best", "reward", "map"]),
         (
             ["online.learn=true", "engine=fake"],
             ["episodes", "learner", "best", "reward", "online", "map"],
@@ -48,6 +49,14 @@ def consumers_of(folder: Path, *overrides: str):
         (
             ["model.share_encoder=false"],
             ["episodes", "learner", "best", "reward", "map"],
+        ),
+        (
+            ["map.poses=false"],
+            ["episodes", "learner", "best", "reward", "map", "locomotion"],
+        ),
+        (
+            ["map.grow=false"],
+            ["episodes", "learner", "best", "reward", "locomotion"],
         ),
         (
             ["map.grow=false", "locomotion.learn=false"],

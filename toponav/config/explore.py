@@ -90,7 +90,7 @@ class LocomotionConfig(Settings):
     """What the L-network's head learns from the paths that the explorers took."""
 
     group = "locomotion"
-    learn: bool = MISSING
+    learn: bool | None = MISSING
     memory: int = at_least(1)
     k: int = at_least(1)
     updates: int = at_least(1)
@@ -208,6 +208,16 @@ class ExploreConfig(Settings):
             name = "online.ahead / (2 * collect.envs)"
             rooms[name] = self.online.ahead // (2 * self.collect.envs)
         self.pairs.check_room(rooms, self.pairs.m)
+
+    def maps_by_poses(self, *, effects_known: bool) -> bool:
+        """Whether the map is made again by poses, which needs actions' effects."""
+        wanted = self.map.grow and self.map.poses and not self.online.learn
+        return wanted and effects_known
+
+    def trains_head(self, *, by_poses: bool) -> bool:
+        """Whether the L-network's head is trained after exploring."""
+        learn = self.locomotion.learn
+        return not self.online.learn and (not by_poses if learn is None else learn)
 
     def resolved(self, model: ModelConfig | None) -> "ExploreConfig":
         """These settings with ``policy.input`` set and, if any, the networks' model.

@@ -98,7 +98,9 @@ def map_quality(
         edges=len(edges),
         coverage=float(covered_cells(distances, poses).float().mean()),
         false_edges=float(far.float().mean()),
-        false_walked_edges=float(far[edge_cost <= 1 if walked is None else walked].float().mean()),
+        false_walked_edges=float(
+            far[edge_cost <= 1 if walked is None else walked].float().mean()
+        ),
         false_paths=float(leads_wrong.float().mean()),
         missing_edges=_missing_edges(distances, poses, edges, drawn, hops),
         **map_parts(len(poses), edges),

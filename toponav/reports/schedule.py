@@ -16,7 +16,7 @@ from toponav.runs import write_history
 
 #: The phases of an exploration.
 PRETRAIN, EXPLORE = "pre-train", "explore"
-EVALUATE = "evaluate and train the L-network's head"
+EVALUATE = "evaluate and finish map and networks"
 
 #: Seconds on two cores of an AMD EPYC 9005, by ``results/main_job.json``: of the
 #: laptop scale's pre-training, a decision of exploring, an update of the L-network's
@@ -135,8 +135,9 @@ def explore_schedule(settings: ExploreConfig, folder: Path) -> Schedule:
     has_networks = needed or settings.pretrained is not None
     decisions = 2 * settings.evaluate.episodes * settings.world.episode_length
     expected[EVALUATE] = decisions * _EVALUATE_S
-    if has_networks and settings.locomotion.learn and not settings.online.learn:
-        # Both at once, a core each.
+    by_poses = settings.maps_by_poses(effects_known=settings.world.group == "maze")
+    # Beside the evaluation, a core each.
+    if has_networks and settings.trains_head(by_poses=by_poses):
         tuning = settings.locomotion.updates * _HEAD_S
         expected[EVALUATE] = max(tuning, expected[EVALUATE])
     return Schedule(expected, folder)

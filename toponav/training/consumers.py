@@ -142,12 +142,14 @@ def make_consumers(
         consumers["online"] = ContinuedTraining(
             settings, networks, check, reward=reward, recalibrate=recalibrate
         )
+    by_poses = False
     if settings.map.grow:
-        consumers["map"] = MapGrowth(settings, world, networks, folder)
+        growth = MapGrowth(settings, world, networks, folder)
+        consumers["map"], by_poses = growth, growth.effects is not None
     # Continued training trains the whole L-network; and a head can learn from stored
     # embeddings only if its encoder made them.
     shares = networks.locomotion.encoder is networks.tc.encoder
-    if not settings.online.learn and settings.locomotion.learn and shares:
+    if settings.trains_head(by_poses=by_poses) and shares:
         check = partial(require_finite, folder=folder, setting="locomotion.lr")
         consumers["locomotion"] = LocomotionFinetuner(settings, networks, check)
     return log, consumers

@@ -78,9 +78,9 @@ class MapGrowth(Consumer):
         self.trains_online = settings.online.learn
         self.name = world.name
         #: What actions do in free space, where poses are to be found by it.
-        self.effects = None
-        if self.config.poses and not self.trains_online:
-            self.effects = action_effects(world.spec)
+        effects = action_effects(world.spec)
+        by_poses = settings.maps_by_poses(effects_known=effects is not None)
+        self.effects = effects if by_poses else None
         self.seed = settings.seed
         self.networks = networks
         #: That the networks had learned from before, for the log; NaN if not known.

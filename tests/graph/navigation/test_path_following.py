@@ -97,6 +97,6 @@ def test_an_edge_costs_its_steps_and_less_the_more_often_it_was_walked() -> None
     positions = torch.tensor([[0.0, 0.0], [6.0, 8.0], [6.0, 9.0]])
     edges = torch.tensor([[0, 1], [1, 2], [0, 2]])
     counts = torch.tensor([[1, 0], [2, 2], [0, 0]])
-    # 10 + 0.3 + 1 / 1; 1 + 0.3 + 1 / 4; one that was never walked, as one that was once.
+    # 10 + 0.3 + 1 / 1; 1 + 0.3 + 1 / 4; what was never walked counts as walked once.
     expected = torch.tensor([11.3, 1.55, 117**0.5 + 1.3])
     torch.testing.assert_close(walking_costs(positions, edges, counts), expected)

@@ -47,6 +47,24 @@ def test_one_edge_alone_is_closed() -> None:
     assert square[plans.closed[0]].tolist() == [[0, 3]]
 
 
+def test_edges_that_are_closed_together_open_together(plans) -> None:
+    # From 0 the path leads over 1 and 2; of the two edges, 1-2 comes first on it.
+    assert plans.has_path.all()
+    assert plans.close_all(0, 0, torch.tensor([3, 1])) == (1, 2)
+    assert closed(plans) == [[1, 2], [3, 4]]
+    assert plans.num_cuts.tolist() == [1]
+    # 2 and 3 are left on one side, all others on the other.
+    assert plans.has_path.tolist() == [[False, False, True, True, False, False]]
+    assert plans.reopen_oldest(0)
+    assert closed(plans) == []
+
+
+def test_edges_that_are_not_on_the_path_close_too(plans) -> None:
+    assert plans.close_all(0, 1, torch.tensor([3])) == (-1, -1)
+    assert closed(plans) == [[3, 4]]
+    assert plans.cost(torch.tensor([4])).item() == 5.0
+
+
 @pytest.mark.parametrize("hops", [2, 3, 20])
 def test_a_cut_leaves_a_way_if_there_is_one(plans, hops):
     # Two hops from 1 lies 5, whose edge to 4 crosses the level too: both ways would be

@@ -51,7 +51,9 @@ def places(embedding: torch.Tensor) -> torch.Tensor:
     return -torch.cdist(embedding, VIEWS).square()
 
 
-def make(seed=0, poses=POSES, places=places, place_key=None, **rules):
+def make(
+    seed=0, poses=POSES, places=places, place_key=None, block_within=None, **rules
+):
     ends = edges()
     known = NavigatorMap(
         num_waypoints=len(POSES),
@@ -71,6 +73,7 @@ def make(seed=0, poses=POSES, places=places, place_key=None, **rules):
         belief=BeliefRules(),
         goal_reward=10.0,
         place_key=place_key,
+        block_within=block_within,
         seed=seed,
     )
 
@@ -153,6 +156,51 @@ def test_an_edge_that_cannot_be_passed_is_walked_around() -> None:
     # 40 steps round the other way, after 20 before the blockage.
     assert decisions is not None
     assert decisions > 50
+
+
+def test_all_edges_through_what_cannot_be_passed_close_at_once() -> None:
+    start, goal, closed = (2.5, 4.7, 270.0), (9.1, 2.5), (3.2, 8.0)
+    navigator = make(block_after=20, block_within=1.75)
+    decisions, _ = walk(navigator, start, goal, 150, closed)
+    assert decisions is not None
+    one, other = POSES[navigator.map.edges[navigator.plans.closed[0]]].unbind(1)
+    # They lead through what is closed, along the one side of the ring that has it.
+    assert len(one) > 4
+    assert (one[:, 1] < 5).all()
+    assert (other[:, 1] < 5).all()
+    assert (torch.maximum(one[:, 0], other[:, 0]) > closed[0] - 1).all()
+    assert navigator.plans.num_cuts.item() == 1
+
+
+def test_what_it_tried_most_is_closed_and_not_what_it_tried_last() -> None:
+    navigator = make(block_after=20, block_within=1.75)
+    data = navigator(reading([(6.9, 2.5, 0.0)], [(2.5, 9.1)], begins=True))
+    often, last = torch.tensor([9.1, 2.5]), torch.tensor([2.5, 6.9])
+    navigator._tried[:] = often
+    navigator._pose[0, :2] = navigator._aims[0] = last
+    navigator.progress.watch = lambda place, cost: torch.ones_like(place, dtype=bool)
+    navigator._give_up(data[PLACE].flatten())
+    ends = POSES[navigator.map.edges[navigator.plans.closed[0]]][..., :2]
+    # What passes within 1.75 steps begins or ends up to 2.2 steps further.
+    assert len(ends) > 4
+    assert (ends - often).norm(dim=2).max() < 1.75 + 2.2
+
+
+def test_beside_a_place_without_a_path_it_takes_one_that_has_a_path() -> None:
+    navigator, at = make(), ([(6.9, 2.5, 0.0)], [(2.5, 9.1)])
+    place = int(navigator(reading(*at, begins=True))[PLACE])
+    own = (navigator.map.edges == place).any(1).nonzero().flatten()
+    navigator.plans.close_all(0, place, own)
+    navigator.sampler.last_action = torch.tensor([2])
+    data = navigator(reading(*at, begins=False))
+    assert int(data[PLACE]) != place
+    assert (POSES[int(data[PLACE]), :2] - POSES[place, :2]).norm() < 4
+    # Nothing opened for it.
+    assert navigator.plans.num_cuts.tolist() == [1]
+    # Where nothing near has a path, the cut opens.
+    navigator.plans.close_all(0, place, torch.arange(len(navigator.map.edges)))
+    navigator(reading(*at, begins=False))
+    assert not navigator.plans.closed.all()
 
 
 def test_an_episode_of_one_agent_leaves_the_others_alone() -> None:

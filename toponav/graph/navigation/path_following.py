@@ -29,8 +29,26 @@ def walking_costs(positions: Tensor, edges: Tensor, traversals: Tensor) -> Tenso
         tensor([5.8000])
     """
     one, other = edges.unbind(1)
-    steps = (positions[one] - positions[other]).norm(dim=1)
-    return steps + _EDGE_COST + _DOUBT / traversals.sum(1).clamp(min=1)
+    steps: Tensor = (positions[one] - positions[other]).norm(dim=1)
+    doubt: Tensor = _DOUBT / traversals.sum(1).clamp(min=1)
+    return steps + _EDGE_COST + doubt
+
+
+def edges_through(point: Tensor, within: float, starts: Tensor, ends: Tensor) -> Tensor:
+    """Which of E edges pass a ``point`` ``[2]`` at most ``within`` steps away.
+
+    They are straight, from ``starts`` to ``ends``, ``[E, 2]``. Returns bool ``[E]``.
+
+    Examples:
+        >>> starts, ends = torch.zeros(2, 2), torch.tensor([[9.0, 0.0], [0.0, 9.0]])
+        >>> edges_through(torch.tensor([5.0, 1.0]), 2.0, starts, ends)
+        tensor([ True, False])
+    """
+    along, gap = ends - starts, point - starts
+    length = along.square().sum(1).clamp(min=1e-6)
+    share = ((gap * along).sum(1) / length).clamp(0, 1).unsqueeze(1)
+    away: Tensor = (gap - share * along).norm(dim=1)
+    return away <= within
 
 
 class Aim(NamedTuple):

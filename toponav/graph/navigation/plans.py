@@ -155,6 +155,11 @@ class Plans:
         found = self._costs.gather(1, place.clamp(min=0).unsqueeze(1)).squeeze(1)
         return found.masked_fill(place < 0, torch.inf)
 
+    @property
+    def has_path(self) -> Tensor:
+        """From which waypoints each agent has a path to its goal, bool ``[N, W]``."""
+        return self._costs.isfinite()
+
     def ahead(self, place: Tensor, length: int) -> Tensor:
         """The next waypoints, ``[N, length]``; where a path ends, its last repeats."""
         found, node = [], place.clamp(min=0).unsqueeze(1)
@@ -212,6 +217,24 @@ class Plans:
         self.cut(agent, self.planner.edge_numbers(*ends))
         self.plan([agent])
         return onward
+
+    def close_all(self, agent: int, place: int, edges: Tensor) -> tuple[int, int]:
+        """Cut ``edges`` ``[K]`` together; the ends of the first on the path, or -1."""
+        ends = -1, -1
+        for _ in range(self.planner.num_nodes):
+            onward = int(self._onward[agent, place])
+            if onward == place:
+                break
+            number = self.planner.edge_numbers(
+                torch.tensor([[place]]), torch.tensor([[onward]])
+            )
+            if (edges == number.flatten()).any():
+                ends = place, onward
+                break
+            place = onward
+        self.cut(agent, edges)
+        self.plan([agent])
+        return ends
 
     def reopen_oldest(self, agent: int) -> bool:
         """Open an agent's oldest cut, if any; what later ones close stays closed."""

@@ -10,7 +10,7 @@ from torch.nn.functional import one_hot
 
 from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
-from toponav.graph.navigation.path_following import aim_along, steer
+from toponav.graph.navigation.path_following import aim_along, edges_through, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
 from toponav.graph.poses import decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
@@ -24,6 +24,10 @@ _AROUND, _AGREE, _BESIDE = 5.0, 3.0, 2.5
 #: which it looks for the goal somewhere else.
 _DIRECTION, _THERE = 0.2, 0.7
 _TIRED = 0.1
+#: Share of the way to what it aims at where an agent that is stuck could not pass.
+_AHEAD = 0.7
+#: Steps up to which another waypoint may stand for one that has no path left.
+_PASSED_BY = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +55,11 @@ class PoseNavigator(Navigator):
     3. *goal*: where most of the goal's views agree that it is. There the agent searches
        around, as its goal is a little beside it.
 
+    An agent that comes no nearer to its goal closes all edges through one place at
+    once, since what it cannot pass there, no other edge passes: the place that was
+    ahead of it most of the time. Beside waypoints that are left without a path it goes
+    on from the nearest that has one.
+
     Reference:
         Beyond the paper.
 
@@ -61,6 +70,8 @@ class PoseNavigator(Navigator):
         belief: how poses are followed.
         ahead: steps from the agent to the point of its path that it aims at.
         search: standard deviation, in steps, of where it looks for the goal.
+        block_within: steps around the place that it could not pass, up to which edges
+            are closed; ``None`` closes as a `Navigator` does.
     """
 
     def __init__(
@@ -74,6 +85,7 @@ class PoseNavigator(Navigator):
         belief: BeliefRules,
         ahead: float = 3.5,
         search: float = 0.8,
+        block_within: float | None = None,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
         place_key: NestedKey | None = None,
@@ -98,7 +110,7 @@ class PoseNavigator(Navigator):
             raise ValueError(f"{rule}, got {number} poses")
         self.known = known
         self.belief_rules = belief
-        self.ahead, self.search = ahead, search
+        self.ahead, self.search, self.block_within = ahead, search, block_within
         self.turn = fastest_turn(known.effects)
 
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
@@ -111,6 +123,8 @@ class PoseNavigator(Navigator):
         # Where each agent's goal is, and how far from there it looks for it now.
         self._goal = torch.zeros(num_agents, 2)
         self._aside = torch.zeros(num_agents, 2)
+        # What was ahead in the last decisions, [N, block_after, 2].
+        self._tried = torch.zeros(num_agents, self.rules.block_after or 1, 2)
 
     def _find_goals(self, agents: Tensor, embedding: Tensor) -> None:
         seen = self._see(embedding.flatten(0, 1)).unflatten(0, embedding.shape[:2])
@@ -147,20 +161,34 @@ class PoseNavigator(Navigator):
         if self.place_key is None:
             chance = self.known.places(embedding).softmax(1).cpu()
         else:
-            told = data[self.place_key].reshape(-1).cpu()
-            chance = one_hot(told, len(self.known.poses)).float()
+            given = data[self.place_key].reshape(-1).cpu()
+            chance = one_hot(given, len(self.known.poses)).float()
         self.belief.update(self.sampler.last_action, chance)
         self._pose = self.belief.estimate()
         if self.place_key is not None:
             return super()._locate(embedding, data)
-        # A turn counts less here than on the way.
-        apart = decisions_apart(
-            self._pose.unsqueeze(1), self.known.poses, self.turn / _DIRECTION
-        )
-        self.localiser.place = apart.argmin(1)
+        self.localiser.place = self._apart().argmin(1)
         return self.localiser.place.clone()
 
+    def _apart(self) -> Tensor:
+        """How far agents are from waypoints, ``[N, W]``, to say at which they are."""
+        # A turn counts less here than on the way.
+        turn = self.turn / _DIRECTION
+        return decisions_apart(self._pose.unsqueeze(1), self.known.poses, turn)
+
+    def _with_path(self, place: Tensor) -> Tensor:
+        """Places; beside one that is left without a path, the nearest that has one."""
+        if not self.plans.cost(place).isinf().any():
+            return place
+        beside = torch.cdist(self._pose[:, :2], self.known.poses[:, :2]) < _PASSED_BY
+        apart = self._apart().masked_fill(~(beside & self.plans.has_path), torch.inf)
+        least, other = apart.min(1)
+        return torch.where(
+            self.plans.cost(place).isinf() & least.isfinite(), other, place
+        )
+
     def _aim(self, place: Tensor, embedding: Tensor) -> tuple[Tensor, Tensor]:
+        place = self._with_path(place)
         self.plans.open_up(place)
         place = place.masked_fill(self.plans.cost(place).isinf(), -1)
         path = self.plans.ahead(place, self.rules.lookahead)
@@ -177,6 +205,28 @@ class PoseNavigator(Navigator):
         self._aims = torch.where(ends.unsqueeze(1), goal, aim.point)
         target = path.gather(1, (aim.passed - 1).clamp(min=0).unsqueeze(1)).squeeze(1)
         return place, target.masked_fill(place < 0, -1)
+
+    def _give_up(self, place: Tensor) -> Tensor:
+        if self.block_within is None:
+            return super()._give_up(place)
+        stuck = self.progress.watch(place, self.plans.cost(place))
+        ahead = torch.lerp(self._pose[:, :2], self._aims, _AHEAD)
+        self._tried = torch.cat([self._tried[:, 1:], ahead.unsqueeze(1)], 1)
+        closed_ends = torch.full((len(place), 2), -1)
+        starts, ends = self.known.track[self.map.edges].unbind(1)
+        for agent in stuck.nonzero().flatten().tolist():
+            node, *_ = self.progress.give_up(agent)
+            # Of all that it tried, as its pose may have been wrong for a while.
+            tried = self._tried[agent]
+            most = (torch.cdist(tried, tried) < self.block_within).sum(1).argmax()
+            through = edges_through(tried[most], self.block_within, starts, ends)
+            edges = through.nonzero().flatten()
+            if len(edges):
+                found = self.plans.close_all(agent, int(place[agent]), edges)
+            else:
+                found = node, self.plans.close_edge(agent, node)
+            closed_ends[agent] = torch.tensor(found)
+        return closed_ends
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:
         return steer(self._pose, self._aims, self.known.effects)

@@ -32,6 +32,7 @@ class PosesConfig(NavigatorConfig):
     mask_noop_actions: bool = MISSING
     block_on: str = one_of("goal", "edge")
     block_after: int | None = MISSING
+    block_within: float | None = above(0)
     fade_after: int | None = MISSING
     hops: int = MISSING
     goal_patience: int | None = MISSING
@@ -92,6 +93,7 @@ def make_pose_navigator(
         belief=config.belief(),
         ahead=config.ahead,
         search=config.search,
+        block_within=config.block_within,
         goal_reward=knowledge.world.goal_reward,
         place_key=place_key,
         seed=seed,

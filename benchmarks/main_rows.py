@@ -1,0 +1,99 @@
+"""One row for each exploration: coverage, time and map, from the files of its run.
+
+    python benchmarks/main_rows.py runs/explore/maze1-... --out results/main_rows.csv
+
+Coverage is in % of the maze, of the policies that the run evaluated at its end,
+decisions to 90 % are of the episodes that reached it, and minutes are those of the
+phases. The map is that of the last row of ``map.csv``. Beside ``decisions_to_cover``,
+the decisions of the run until its map covered every cell, stand those of random walks
+in its place (mean of three seeds): until the agents that feed the map have seen every
+cell, in decisions of all agents.
+"""
+
+import argparse
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+from pose_maps import read_settings
+from torchrl.envs import InitTracker, TransformedEnv
+
+from toponav.builders import collect_rollout
+from toponav.envs import MazeEnv, load_maze
+from toponav.keys import CELL
+from toponav.policies import RandomPolicy
+
+MAP = (
+    *("first_waypoint_share", "last_waypoint_share", "false_edges", "false_paths"),
+    *("missing_edges", "true_components", "stretch", "decisions_to_cover"),
+)
+
+
+@cache
+def random_to_cover(maze: str, fed: int, envs: int, length: int, seed: int) -> int:
+    """Decisions until random walks have seen every cell, as described above."""
+    layout = load_maze(maze)
+    base = MazeEnv(
+        layout, batch_size=fed, privileged=True, seed=seed, episode_length=length + 1
+    )
+    policy = RandomPolicy(base.world.num_actions, seed=seed)
+    env = TransformedEnv(base, InitTracker())
+    seen, steps = torch.from_numpy(~layout.open_mask), 0
+    try:
+        while not seen.all():
+            played = collect_rollout(env, policy, length, keep=(CELL,), keep_next=())
+            # [steps, agents, row and column]
+            for cells in played.frames[CELL].transpose(0, 1):
+                if seen.all():
+                    break
+                seen[tuple(cells.unbind(-1))] = True
+                steps += 1
+    finally:
+        env.close()
+    return steps * envs
+
+
+def read_run(run: Path) -> dict[str, object]:
+    """The row of a run folder that was evaluated."""
+    settings = read_settings(run)
+    played = pd.read_csv(run / "evaluation.csv").groupby("policy")
+    phases = pd.read_csv(run / "phases.csv").set_index("phase")["seconds"]
+    last = pd.read_csv(run / "map.csv").iloc[-1]
+    coverage = 100 * played["coverage"].mean()
+    row: dict[str, object] = {"maze": settings.maze.name, "seed": settings.seed}
+    row["decisions"] = int(last["decisions"])
+    for name in ("best", "last", "random", "sticky"):
+        if name in coverage:
+            row[name] = round(coverage[name], 1)
+    for name in ("best", "last"):
+        to_90 = played.get_group(name)["decisions_to_90"]
+        reached = to_90[to_90 >= 0]
+        row[f"{name}_episodes_at_90"] = f"{len(reached)} of {len(to_90)}"
+        row[f"{name}_decisions_to_90"] = round(reached.mean()) if len(reached) else -1
+    for number, name in enumerate(("pretrain", "explore", "finish")):
+        took = phases.iloc[number] if len(phases) == 3 else np.nan
+        row[f"minutes_{name}"] = round(took / 60, 1)
+    row["waypoints_per_cell"] = round(last["waypoints"] / last["cells"], 1)
+    row |= {name: float(f"{last[name]:.4g}") for name in MAP}
+    envs, length = settings.collect.envs, settings.maze.episode_length
+    given = settings.maze.name, settings.map.envs or envs, envs, length
+    walked = [random_to_cover(*given, seed) for seed in range(3)]
+    return row | {"random_decisions_to_cover": round(sum(walked) / 3)}
+
+
+def main() -> None:
+    """Print the rows, and keep them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    rows = pd.DataFrame([read_run(run) for run in options.runs])
+    print(rows.to_string())
+    if options.out:
+        rows.to_csv(options.out, index=False, lineterminator="\n")
+
+
+if __name__ == "__main__":
+    main()
