@@ -185,8 +185,8 @@ def test_pictures_of_a_walk_that_the_map_has_not_seen(run: Path) -> None:
         ),
         (
             ["navigator=random", "navigator.temperature=0.3"],
-            "navigate: 'navigator.temperature' must go with navigator=topological, got "
-            "navigator=random",
+            "navigate: 'navigator.temperature' must go with navigator=topological or "
+            "navigator=poses, got navigator=random",
         ),
     ],
 )

@@ -26,9 +26,6 @@ Explored = tuple[AgentKnowledge, GroundTruth]
 
 def navigate_settings(folder: Path | None, *overrides: str) -> NavigateConfig:
     run = ["maze=maze1"] if folder is None else [f"run={folder}"]
-    # The runs of these tests have no map by poses, unless they say so.
-    if not any(one.startswith("navigator=") for one in overrides):
-        run.append("navigator=topological")
     found = settings("navigate", "navigate=smoke", *run, *overrides)
     assert isinstance(found, NavigateConfig)
     return found

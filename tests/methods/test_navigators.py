@@ -359,11 +359,13 @@ def test_a_value_out_of_range_is_refused(override, message):
         navigate_settings(None, override)
 
 
-def test_by_default_it_walks_by_poses_and_at_the_papers_scale_as_the_paper_has_it():
+def test_by_default_it_walks_by_poses_and_at_other_scales_as_the_paper_has_it():
     config = settings("navigate", "maze=maze1")
     assert config.navigator.name == "poses"
     config = settings("navigate", "maze=maze1", "navigate=paper")
     assert config.navigator.name == "topological"
     assert config.navigator.block_on == "edge"
+    config = settings("navigate", "maze=maze1", "navigate=smoke")
+    assert config.navigator.name == "topological"
     config = settings("navigate", "maze=maze1", "navigate=paper", "navigator=poses")
     assert config.navigator.name == "poses"

@@ -39,8 +39,7 @@ def consumers_of(folder: Path, *overrides: str):
 @pytest.mark.parametrize(
     ("overrides", "names"),
     [
-        # Nothing needs the L-network where the map is made by poses.
-        ([], ["episodes", "learner", "best", "reward", "map"]),
+        ([], ["episodes", "learner", "best", "reward", "map", "locomotion"]),
         (
             ["online.learn=true", "engine=fake"],
             ["episodes", "learner", "best", "reward", "online", "map"],
@@ -50,8 +49,10 @@ def consumers_of(folder: Path, *overrides: str):
             ["model.share_encoder=false"],
             ["episodes", "learner", "best", "reward", "map"],
         ),
+        # Nothing needs the L-network where the map is made by poses.
+        (["map.poses=true"], ["episodes", "learner", "best", "reward", "map"]),
         (
-            ["map.poses=false"],
+            ["map.poses=true", "locomotion.learn=true"],
             ["episodes", "learner", "best", "reward", "map", "locomotion"],
         ),
         (
