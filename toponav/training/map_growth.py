@@ -184,7 +184,8 @@ class MapGrowth(Consumer):
         )
         if found.embeddings is None or found.poses is None:
             tqdm.write(
-                "map: as it grew, since too few views fit together by their poses"
+                "map: as it grew, since too few views fit together by their poses "
+                "(recipes/navigate.py walks over it with navigator=topological)"
             )
             return None
         # Of the waypoints after each batch, so many stayed.
