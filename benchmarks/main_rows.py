@@ -4,7 +4,8 @@
 
 Coverage is in % of the maze, of the policies that the run evaluated at its end,
 decisions to 90 % are of the episodes that reached it, and minutes are those of the
-phases. The map is that of the last row of ``map.csv``. Beside ``decisions_to_cover``,
+phases. The map is that of the last row of ``map.csv``,
+and ``networks`` the maze that the networks were trained in. Beside ``decisions_to_cover``,
 the decisions of the run until its map covered every cell, stand those of random walks
 in its place (mean of three seeds): until the agents that feed the map have seen every
 cell, in decisions of all agents.
@@ -63,6 +64,7 @@ def read_run(run: Path) -> dict[str, object]:
     last = pd.read_csv(run / "map.csv").iloc[-1]
     coverage = 100 * played["coverage"].mean()
     row: dict[str, object] = {"maze": settings.maze.name, "seed": settings.seed}
+    row["networks"] = settings.pretraining.maze or settings.maze.name
     row["decisions"] = int(last["decisions"])
     for name in ("best", "last", "random", "sticky"):
         if name in coverage:
