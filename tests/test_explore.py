@@ -132,7 +132,7 @@ def test_it_leaves_tables_pictures_and_policies(run: Path) -> None:
         3,
     )
     assert 0 < float(topological_map["coverage"]) <= 1
-    assert about == {"maze": "maze3"}
+    assert about["maze"] == "maze3"
     assert (run / "topology.png").stat().st_size > 5_000
     policy = make_policy(explore_settings())
     policy.load_state_dict(torch.load(run / "policy.pt")["weights"])

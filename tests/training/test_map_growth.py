@@ -115,7 +115,7 @@ def test_what_it_writes_can_be_read(tmp_path) -> None:
     assert growth.rows[-1]["decisions"] == 128
     state, about = load_map(tmp_path / "map.zip")
     assert torch.equal(state["embeddings"], growth.map.embeddings)
-    assert about == {"maze": config.maze.name}
+    assert about["maze"] == config.maze.name
     poses = np.load(tmp_path / "map_poses.npy")
     assert (poses == growth.truth.poses.values.numpy()).all()
     with (tmp_path / "map.csv").open() as file:

@@ -1,5 +1,14 @@
 """Builders: environments, networks, maps and collectors from settings."""
 
+from toponav.builders.beside_map import (
+    MAP_FILE as MAP_FILE,
+    POSES_FILE as POSES_FILE,
+    find_beside as find_beside,
+    mend_beside as mend_beside,
+    name_contents as name_contents,
+    next_path as next_path,
+    put_beside as put_beside,
+)
 from toponav.builders.collection import (
     FRAME_KEYS as FRAME_KEYS,
     Rollout as Rollout,
@@ -23,8 +32,6 @@ from toponav.builders.mazes import (
     make_layout as make_layout,
 )
 from toponav.builders.navigation import (
-    MAP_FILE as MAP_FILE,
-    POSES_FILE as POSES_FILE,
     AgentKnowledge as AgentKnowledge,
     GoalPlaces as GoalPlaces,
     GroundTruth as GroundTruth,

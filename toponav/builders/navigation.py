@@ -1,6 +1,6 @@
 """Loads an exploration to navigate with: knowledge, ground truth, goals."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv
 from torchrl.envs.transforms import Compose
 
+from toponav.builders.beside_map import MAP_FILE, POSES_FILE, find_beside
 from toponav.builders.collection import collect_rollout
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_env, make_layout
@@ -29,8 +30,6 @@ from toponav.worlds import WorldSpec
 
 Cell = tuple[int, int]
 
-#: The files in a run folder that hold the map, and where its waypoints truly are.
-MAP_FILE, POSES_FILE = "map.zip", "map_poses.npy"
 #: What must be as it was while exploring, beside the layout.
 _APPEARANCE = ("texture_seed", "paintings", "marks")
 # Apart from the seeds of the episodes.
@@ -77,15 +76,15 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
     for name in (NETWORKS_FILE, MAP_FILE, POSES_FILE):
         require((folder / name).is_file(), rule, f"'{folder}' without {name}")
     networks = load_networks(folder, setting="run", world=world)
-    topological_map = _load_map(folder, networks)
-    poses = _load_poses(folder, topological_map.num_waypoints)
+    topological_map, about = _load_map(folder, networks)
+    poses = _load_poses(folder, topological_map.num_waypoints, about)
     distances = GroundTruthDistances(
         torch.as_tensor(layout.open_mask),
         cell_size=require_motion(world).cell_size,
         slot_cells=list(layout.slots.values()),
     )
     truth = GroundTruth(poses, layout, distances)
-    places = _load_places(folder, topological_map.num_waypoints)
+    places = _load_places(folder, topological_map.num_waypoints, about)
     return AgentKnowledge(world, networks, topological_map, places), truth
 
 
@@ -104,33 +103,39 @@ def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None
         require(given == wanted, f"maze.{name} must be {wanted}, as in the run", given)
 
 
-def _load_map(folder: Path, networks: Networks) -> TopologicalMap:
-    """The map of a run, with networks of the same run."""
+def _load_map(
+    folder: Path, networks: Networks
+) -> tuple[TopologicalMap, dict[str, str]]:
+    """The map of a run with networks of the same run, and the words about it."""
     # The thresholds are loaded with the map.
     found = empty_map(networks.tc, MapRules(tc_threshold=0.5, tc_reach=0.5))
     with refusing("run: ", (MapFileError, ValueError)):
-        state, _ = load_map(folder / MAP_FILE)
+        state, about = load_map(folder / MAP_FILE)
         found.load_state_dict(state)
     rule = "run must name an exploration whose map has waypoints"
     require(found.num_waypoints > 0, rule, f"an empty {MAP_FILE} in '{folder}'")
-    return found
+    return found, about
 
 
-def _load_places(folder: Path, num_places: int) -> PlaceNetwork | None:
-    if not (path := folder / PLACES_FILE).is_file():
+def _load_places(
+    folder: Path, num_places: int, about: Mapping[str, str]
+) -> PlaceNetwork | None:
+    if (path := find_beside(folder, PLACES_FILE, about)) is None:
         return None
     return load_places(path, num_places=num_places, setting="run")
 
 
-def _load_poses(folder: Path, num_waypoints: int) -> Tensor:
+def _load_poses(folder: Path, num_waypoints: int, about: Mapping[str, str]) -> Tensor:
+    path = find_beside(folder, POSES_FILE, about)
+    rule = f"run must name an exploration whose {POSES_FILE} belongs to its {MAP_FILE}"
+    require(path is not None, rule, f"that of another map in '{folder}'")
+    assert path is not None
     with refusing("run: ", (ValueError, OSError, EOFError)):
-        poses = np.load(folder / POSES_FILE, allow_pickle=False)
+        poses = np.load(path, allow_pickle=False)
     rule = f"run must name an exploration whose {POSES_FILE} has a row of three for "
     rule += f"each of {num_waypoints} waypoints"
-    # Poses are written first: a run that was killed then has more of them.
-    fits = poses.ndim == 2 and poses.shape[1] == 3 and len(poses) >= num_waypoints
-    require(fits, rule, poses.shape)
-    return torch.from_numpy(poses[:num_waypoints]).float()
+    require(poses.shape == (num_waypoints, 3), rule, poses.shape)
+    return torch.from_numpy(poses).float()
 
 
 @dataclass(frozen=True)

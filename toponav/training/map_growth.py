@@ -27,7 +27,11 @@ from toponav.builders import (
     for_inference,
     make_map,
     map_thresholds,
+    mend_beside,
+    name_contents,
+    next_path,
     pretraining_decisions,
+    put_beside,
     save_places,
 )
 from toponav.config import ExploreConfig
@@ -44,6 +48,7 @@ from toponav.metrics import (
     map_parts,
     waypoint_shares,
 )
+from toponav.modules import PlaceNetwork
 from toponav.plotting import draw_graph, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
@@ -105,6 +110,8 @@ class MapGrowth(Consumer):
         #: Views that the map was given, those of ``map.envs`` mazes, and its waypoints,
         #: after each batch.
         self.growth = [(0, 0)]
+        # What knows the waypoints of the last map by their views.
+        self.places: PlaceNetwork | None = None
         self.rows: list[Row] = []
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
@@ -157,14 +164,15 @@ class MapGrowth(Consumer):
             if self.truth is not None:
                 self.truth.poses.merge(numbers)
         if views is not None:
-            self.learn_places(*views, folder)
+            self.learn_places(*views)
         now = self.map.num_waypoints, len(self.map.edges)
         if now != before:
             tqdm.write(
                 f"map: {before[0]:,} waypoints and {before[1]:,} edges became "
                 f"{now[0]:,} and {now[1]:,}"
             )
-        if self.trains_online or now != before or self._is_behind:
+        is_new = self.trains_online or views is not None or now != before
+        if is_new or self._is_behind:
             self.write(folder)
         self.wait()
 
@@ -196,13 +204,13 @@ class MapGrowth(Consumer):
             self.truth.poses.keep(found.kept)
         return found.embeddings, found.poses
 
-    def learn_places(self, embeddings: Tensor, poses: Tensor, folder: Path) -> None:
-        """Train and save the network that knows the map's waypoints by their views."""
+    def learn_places(self, embeddings: Tensor, poses: Tensor) -> None:
+        """Train the network that knows the map's waypoints by their views."""
         assert self.effects is not None
         turn = fastest_turn(self.effects)
         rules = PlaceRules(seed=self.seed)
-        places = train_places(embeddings, poses, self.map.waypoints.poses, turn, rules)
-        save_places(places, folder / PLACES_FILE)
+        known = self.map.waypoints.poses
+        self.places = train_places(embeddings, poses, known, turn, rules)
 
     def wait(self) -> None:
         """Wait until all is written, and raise what went wrong with it."""
@@ -233,21 +241,26 @@ class MapGrowth(Consumer):
             self.map.edge_cost.amin(1),
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
+            self.places,
         )
         self._writing = self._thread.submit(self._write, folder, snapshot)
 
     def _write(self, folder: Path, now: Snapshot) -> None:
+        mend_beside(folder)
         row, edges = now.row, now.state["edges"]
         if self.truth is None:
             num = len(now.state["origins"])
             row |= {"waypoints": num, "edges": len(edges), **map_parts(num, edges)}
         else:
             row |= self.truth.measure(now, self.pretraining_decisions)
-            write_array(folder / POSES_FILE, now.poses)
+            write_array(next_path(folder / POSES_FILE), now.poses)
+        if now.places is not None:
+            save_places(now.places, next_path(folder / PLACES_FILE))
         self.rows.append(row)
         write_history(folder / "map.csv", self.rows)
-        about = {"maze": self.name}
+        about = {"maze": self.name} | name_contents(folder)
         save_map(now.state, folder / MAP_FILE, about=about, views=now.views)
+        put_beside(folder, about)
         save_figure(self._draw(now), folder / "topology.png", dpi=110)
 
     def _draw(self, now: Snapshot) -> Figure:
