@@ -4,11 +4,11 @@
 
 Coverage is in % of the maze, of the policies that the run evaluated at its end,
 decisions to 90 % are of the episodes that reached it, and minutes are those of the
-phases. The map is that of the last row of ``map.csv``,
-and ``networks`` the maze that the networks were trained in. Beside ``decisions_to_cover``,
-the decisions of the run until its map covered every cell, stand those of random walks
-in its place (mean of three seeds): until the agents that feed the map have seen every
-cell, in decisions of all agents.
+phases. The map is that of the last row of ``map.csv``, and ``networks`` the maze that
+the networks were trained in. Beside ``decisions_to_cover``, the decisions of the run
+until its map covered every cell, stand those of random walks in its place (mean of
+three seeds): until the agents that feed the map have seen every cell, in decisions of
+all agents.
 """
 
 import argparse
