@@ -13,7 +13,13 @@ from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
 from toponav.builders.pretraining import pretraining_folder
-from toponav.config import RECIPES, SettingsError
+from toponav.config import (
+    RECIPES,
+    ExploreConfig,
+    NavigateConfig,
+    PretrainConfig,
+    SettingsError,
+)
 from toponav.launch import folder_name
 from toponav.methods import REWARDS, make_world, register
 
@@ -192,3 +198,26 @@ def test_a_layout_of_ones_own_goes_by_the_name_of_its_file() -> None:
     assert own.world.label == make_world(own).name == "select"
     assert pretraining_folder(own).name.startswith("select-laptop-")
     assert settings("explore", "maze=maze1").world.label == "maze1"
+
+
+def test_the_papers_scale_caps_nothing_and_compares_all_waypoints() -> None:
+    found = settings("explore", "scale=paper")
+    assert isinstance(found, ExploreConfig)
+    # The first view of an episode and 1,800 decisions: each may become a waypoint.
+    assert found.reward.capacity == found.world.episode_length + 1
+    assert found.map.capacity is None
+    assert found.map.nearby is None
+    assert found.map.shortlist is None
+    assert found.map.untraversed_edge_cost == 1
+    walking = settings("navigate", "maze=maze1", "navigate=paper")
+    assert isinstance(walking, NavigateConfig)
+    assert walking.navigator.untraversed_edge_cost == 1
+
+
+def test_continued_training_has_the_numbers_of_the_papers_pre_training() -> None:
+    exploring = settings("explore", "scale=paper")
+    training = settings("pretrain", "scale=paper")
+    assert isinstance(exploring, ExploreConfig)
+    assert isinstance(training, PretrainConfig)
+    for name in ("weight_decay", "locomotion_coeff"):
+        assert getattr(exploring.online, name) == getattr(training.train, name), name

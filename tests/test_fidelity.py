@@ -262,3 +262,24 @@ def test_scale_paper_has_what_the_table_says(row: list[str]) -> None:
     for name, value in pairs(letter).items():
         other = composed(recipe, (*scale, f"{name}={value}"))
         assert other[name] != paper[name], name
+
+
+def test_every_equation_and_table_and_figure_of_the_method_has_a_row() -> None:
+    """Of the figures, those of the method and its set-up, 1 to 12."""
+    first = re.findall(r"^\| ([^|]+) \|", TEXT, flags=re.MULTILINE)
+    named = " ".join(first)
+    rows = {
+        int(one)
+        for cell in first
+        for one in re.findall(r"\b\d+\b", cell)
+        if re.fullmatch(r"[\d, ]+", cell)
+    }
+    assert set(range(1, 16)) <= rows
+    for word, last in (("Fig", 12), ("Table", 9)):
+        found: set[int] = set()
+        for numbers in re.findall(rf"{word}s?\.? ([\d, ]+(?:(?:to|and) \d+)?)", named):
+            given = [int(one) for one in re.findall(r"\d+", numbers)]
+            found |= (
+                set(range(given[0], given[-1] + 1)) if "to" in numbers else set(given)
+            )
+        assert set(range(1, last + 1)) <= found, word
