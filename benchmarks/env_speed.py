@@ -29,6 +29,7 @@ from torchrl.envs import EnvBase, GymEnv, ParallelEnv
 
 from toponav.envs import MazeEnv, SceneRules, draw_scene, load_maze
 from toponav.envs.engines.doom import ACTIONS, WORLD, MazeGame
+from toponav.envs.engines.doom.spec import TICS_PER_DECISION
 
 BUTTONS = [list(buttons) for buttons in ACTIONS.values()]
 
@@ -44,7 +45,7 @@ def bare_stepper(size: int) -> tuple[Callable[[list[int]], object], Callable[[],
 
     def step_one(game: MazeGame, action: int) -> object:
         engine = game.engine.game
-        engine.make_action(BUTTONS[action], WORLD.tics_per_decision)
+        engine.make_action(BUTTONS[action], TICS_PER_DECISION)
         return engine.get_state().screen_buffer
 
     def step(actions: list[int]) -> object:
