@@ -28,8 +28,12 @@ import torch
 from torchrl.envs import EnvBase, GymEnv, ParallelEnv
 
 from toponav.envs import MazeEnv, SceneRules, draw_scene, load_maze
-from toponav.envs.engines.doom import ACTIONS, WORLD, MazeGame
-from toponav.envs.engines.doom.spec import TICS_PER_DECISION
+from toponav.envs.engines.doom import (
+    ACTIONS,
+    TICS_PER_DECISION,
+    WORLD,
+    MazeGame,
+)
 
 BUTTONS = [list(buttons) for buttons in ACTIONS.values()]
 

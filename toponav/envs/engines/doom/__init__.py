@@ -2,7 +2,12 @@
 
 from toponav.envs.engines.doom.game import MazeGame as MazeGame, prepare
 from toponav.envs.engines.doom.instances import sweep
-from toponav.envs.engines.doom.spec import ACTIONS as ACTIONS, CAMERA, WORLD as WORLD
+from toponav.envs.engines.doom.spec import (
+    ACTIONS as ACTIONS,
+    CAMERA,
+    TICS_PER_DECISION as TICS_PER_DECISION,
+    WORLD as WORLD,
+)
 from toponav.envs.game import GameEngine
 
 ENGINE = GameEngine(
