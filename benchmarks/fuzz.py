@@ -258,7 +258,7 @@ def run_recipe(recipe: str, words: list[str]) -> None:
     script = importlib.import_module(f"recipes.{recipe}")
     # What would be played in the meantime; the first of the others ends the recipe.
     reports.start_baselines = lambda *_: None  # type: ignore[assignment]
-    ends = ("make_explore_collector", "collect_held_out", "make_env", "make_game_env")
+    ends = ("make_explore_collector", "collect_frames", "make_env", "make_game_env")
     for name in ends:
         for owner in (script, reports, training):
             if hasattr(owner, name):

@@ -125,8 +125,10 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     # the last map, the fine-tuning.
     schedule.begin(reports.EVALUATE)
     policies = training.trained_policies(settings, world, learner, consumers)
-    with training.finishing(consumers, folder):
-        learned = reports.evaluate_policies(settings, world, explorer, policies)
+    training.finish(consumers, folder, beside=False)
+    with reports.evaluating(settings, world, explorer, policies) as evaluation:
+        training.finish(consumers, folder, beside=True)
+        learned = evaluation.result()
     if networks is not None:
         builders.save_networks(networks, folder / builders.NETWORKS_FILE)
 

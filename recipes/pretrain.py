@@ -35,6 +35,7 @@ from toponav.builders import (
     prepare_process,
     save_networks,
     start_networks,
+    taken_meanwhile,
 )
 from toponav.config import PretrainConfig
 from toponav.launch import recipe
@@ -74,9 +75,6 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     history = restore_training(folder, networks, trainer) if settings.resume else []
     started -= history[-1]["seconds"] if history else 0.0
 
-    # Episodes that no training sees, to validate on.
-    held_out = collect_held_out(settings, worlds)
-    validate = Validation(networks, settings, held_out, autocast=autocast)
     loggers = make_loggers(folder, trainer.updates)
     decisions, saved = 0, time.monotonic()
 
@@ -90,11 +88,17 @@ def main(settings: PretrainConfig, folder: Path) -> None:
             with (
                 collect_frames(
                     settings, worlds, needed=trainer.updates < train.updates
-                ) as batches,
+                ) as collected,
                 tqdm(
                     total=train.updates, initial=trainer.updates, unit="update"
                 ) as bar,
             ):
+                # Episodes that no training sees, to validate on, while the first
+                # decisions are collected.
+                with taken_meanwhile(collected, settings.collect.ahead) as batches:
+                    held_out = collect_held_out(settings, worlds, progress=stop.leave)
+                validate = Validation(networks, settings, held_out, autocast=autocast)
+
                 while trainer.updates < train.updates and not stop.requested:
                     # Collect the decisions that are due before this update.
                     if decisions < decisions_due(settings, trainer.updates):

@@ -33,6 +33,25 @@ def test_the_second_signal_insists(number: int) -> None:
     assert seen == []
 
 
+def leave_after(number: int) -> None:
+    with stop_requests() as stop:
+        stop.leave()
+        os.kill(os.getpid(), number)
+        stop.leave()
+        pytest.fail("it went on")
+
+
+@pytest.mark.parametrize(
+    ("number", "error"),
+    [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)],
+)
+def test_what_is_not_worth_finishing_ends_at_once(
+    number: int, error: type[BaseException]
+) -> None:
+    with pytest.raises(error):
+        leave_after(number)
+
+
 def test_without_a_signal_the_handlers_are_as_before() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with stop_requests():

@@ -98,6 +98,13 @@ class StopRequest:
             sys.exit(128 + number)
         self.requested = self.requested or number
 
+    def leave(self) -> None:
+        """End what is not worth finishing, if the process was asked to stop."""
+        if self.requested == signal.SIGINT:
+            raise KeyboardInterrupt
+        if self.requested:
+            sys.exit(128 + self.requested)
+
 
 @contextmanager
 def stop_requests() -> Iterator[StopRequest]:

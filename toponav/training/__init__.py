@@ -11,7 +11,7 @@ from toponav.training.checkpoints import (
 )
 from toponav.training.consumers import (
     BestPolicy as BestPolicy,
-    finishing as finishing,
+    finish as finish,
     make_consumers as make_consumers,
     make_learner as make_learner,
     needed_keys as needed_keys,
@@ -39,6 +39,7 @@ from toponav.training.explorer import (
     Explorer as Explorer,
     make_coverage as make_coverage,
     make_explore_env as make_explore_env,
+    make_explorer as make_explorer,
     publish as publish,
 )
 from toponav.training.map_growth import MapGrowth as MapGrowth
