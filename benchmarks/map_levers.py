@@ -232,7 +232,8 @@ def main() -> None:
             walks.memmap(options.walks)
     rows = []
     for lever in options.levers:
-        config = replace(settings.map, **LEVERS[lever])
+        # A map by poses is one of the levers here.
+        config = replace(settings.map, **{"poses": False, **LEVERS[lever]})
         played = walks[: options.episodes]
         numbers = grow(config, played, world, networks, MOVES.get(lever))
         rows.append([lever, *(round(float(value), 4) for value in numbers)])
