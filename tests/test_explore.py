@@ -347,7 +347,15 @@ def test_what_is_wrong_is_said_in_one_sentence(
         ("map.extend_by=none", "map.extend_by must be one of itself, previous"),
         ("map.tc_threshold=high", r"map.tc_threshold must be one of auto or a number"),
         ("map.tc_reach=1.5", r"auto or a number in \[0, 0.999\], got 1.5"),
-        ("map.window=-1", "map.window must be at least 0, got -1"),
+        (
+            "map.window=-1",
+            r"map.window must lie in \[0, 8192\], got -1 \(did you mean 0",
+        ),
+        (
+            "map.surroundings=9000",
+            r"lie in \[0, 8192\], got 9000 \(did you mean 8192\?",
+        ),
+        ("map.search_window=9000", r"map.search_window must lie in \[0, 8192\], got 9"),
         ("map.nearby=0", "map.nearby must be at least 1, got 0"),
         (
             "map.untraversed_edge_cost=0",
