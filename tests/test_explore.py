@@ -15,10 +15,10 @@ import psutil
 import pytest
 import torch
 
-from tests.exploring import explore_settings, make_policy, world_of
+from tests.exploring import explore_settings, make_policy, save_untrained
 from tests.forked import run_forked
 from tests.test_conf import settings
-from toponav.builders import load_networks, make_networks, save_networks
+from toponav.builders import load_networks
 from toponav.config import SettingsError
 from toponav.graph import load_map
 
@@ -76,13 +76,8 @@ def without_times(path: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Networks that were never trained: enough to explore with."""
     path = tmp_path_factory.mktemp("networks") / "networks.pt"
-    torch.manual_seed(0)
-    config = explore_settings()
-    made = make_networks(config.model, world_of(config).spec)
-    made.thresholds = {"reward_threshold": 0.5, "tc_threshold": 0.9, "tc_reach": 0.7}
-    save_networks(made, path)
+    save_untrained(path)
     return path
 
 

@@ -143,7 +143,8 @@ def _log_in_own_folder(*arguments: Any) -> None:
         if (folder / job.output_subdir / ".lock").is_file():
             with alone_in(folder / job.output_subdir):
                 pass
-        resumes = any(word.startswith("resume='") for word in job.overrides.task)
+        words: Any = OmegaConf.to_container(job.overrides.task)  # as they were given
+        resumes = any(word.startswith("resume='") for word in words)
         hint = f" (did you mean resume='{folder}'?)"
         hint = hint if (folder / CHECKPOINT_FILE).is_file() else ""
         rule = "hydra.run.dir must name a folder without results of another run"

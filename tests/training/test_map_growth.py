@@ -346,16 +346,21 @@ def through_the_ring(config, growth, *, env, length=300):
 
 @pytest.fixture
 def pose_growth(monkeypatch):
-    # Enough for a small world.
-    quick = partial(PoseRules, rounds=4, updates=150)
-    monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
-    quick = partial(PlaceRules, updates=150)
-    monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
+    learn_quickly(monkeypatch)
     return make_pose_growth
 
 
-def make_pose_growth(folder=None):
-    config = settings("map.poses=true", "map.poses_above=0.1", "map.edges=time")
+def learn_quickly(monkeypatch, *, rounds=4, updates=150):
+    # Enough for a small world.
+    quick = partial(PoseRules, rounds=rounds, updates=updates)
+    monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
+    quick = partial(PlaceRules, updates=updates)
+    monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
+
+
+def make_pose_growth(folder=None, *words):
+    words = ("map.poses=true", "map.poses_above=0.1", "map.edges=time", *words)
+    config = settings(*words)
     growth = make_growth(config, folder)
     growth.effects = EFFECTS
     waypoints = growth.map.waypoints
