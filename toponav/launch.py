@@ -31,7 +31,9 @@ from toponav.refusals import (
     unknown_setting,
 )
 from toponav.runs import (
+    CHECKPOINT_FILE,
     alone_in,
+    has_results,
     keep_draws,
     log_uniform,
     remove_halves,
@@ -50,6 +52,7 @@ _FLAGS = (
     *("--cfg", "-c", "--package", "-p", "--info", "-i", "--experimental-rerun"),
     *("--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"),
 )
+_configure_log = hydra.core.utils.configure_log
 
 
 class _JobError(Exception):
@@ -89,6 +92,7 @@ def recipe(
             os.environ["HYDRA_FULL_ERROR"] = "1"
             argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
             hydra.core.utils._save_config = _save_whole
+            hydra.core.utils.configure_log = _log_in_own_folder
             start = hydra.main(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)
@@ -124,6 +128,28 @@ def _register() -> None:
 def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:
     """Raise what Hydra's parser would print under its usage."""
     raise SettingsError(f"what begins with a dash must be a flag of Hydra's: {message}")
+
+
+def _log_in_own_folder(*arguments: Any) -> None:
+    """Let Hydra open its log, the first file of a run, if the folder is the run's own.
+
+    Raises:
+        SettingsError: if another run is writing there, or has left its results.
+    """
+    job = HydraConfig.get()
+    folder = Path(job.runtime.output_dir)
+    # A recipe without settings in its folder writes beside the runs of others.
+    if job.mode is RunMode.RUN and job.output_subdir is not None:
+        if (folder / job.output_subdir / ".lock").is_file():
+            with alone_in(folder / job.output_subdir):
+                pass
+        words: Any = OmegaConf.to_container(job.overrides.task)  # as they were given
+        resumes = any(word.startswith("resume='") for word in words)
+        hint = f" (did you mean resume='{folder}'?)"
+        hint = hint if (folder / CHECKPOINT_FILE).is_file() else ""
+        rule = "hydra.run.dir must name a folder without results of another run"
+        require(resumes or not has_results(folder), rule, f"'{folder}'{hint}")
+    _configure_log(*arguments)
 
 
 def _save_whole(cfg: Any, filename: str, output_dir: Path) -> None:

@@ -12,6 +12,7 @@ from toponav.runs.run_folders import (
     BrokenRunError,
     find_runs,
     group_runs,
+    has_results,
     read_exploration,
     read_pretraining,
     read_table,
@@ -138,6 +139,31 @@ def test_an_unfinished_pretraining_is_told(
         (folder / "report.json").write_text(content)
     with pytest.raises(BrokenRunError, match=reason):
         read_pretraining(folder)
+
+
+@pytest.mark.parametrize(
+    ("files", "found"),
+    [
+        # A run that was killed before its first checkpoint is started again there.
+        (
+            ["config/overrides.yaml", "explore.log", "networks.pt", "map_views.bin"],
+            False,
+        ),
+        (["report.json"], False),
+        (["report.json", "networks.pt"], True),
+        (["checkpoint.pt"], True),
+        (["summary.md"], True),
+        (["plan.png"], False),
+        (["plan.png", "walk.mp4"], True),
+    ],
+)
+def test_a_run_that_is_over_or_can_be_resumed_has_results(
+    files: list[str], found: bool, tmp_path: Path
+) -> None:
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert has_results(tmp_path) == found
 
 
 def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:

@@ -77,6 +77,7 @@ from toponav.builders.processes import (
     seed_of as seed_of,
     start_collector as start_collector,
     stop_collector as stop_collector,
+    track_apart as track_apart,
 )
 from toponav.builders.protocols import (
     NETWORKS as NETWORKS,

@@ -25,6 +25,7 @@ from toponav.runs.run_folders import (
     Run as Run,
     find_runs as find_runs,
     group_runs as group_runs,
+    has_results as has_results,
     read_exploration as read_exploration,
     read_pretraining as read_pretraining,
     read_table as read_table,

@@ -16,9 +16,18 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from toponav.config import read_yaml, require
 from toponav.runs.draws import DRAWS_FILE
+from toponav.runs.files import CHECKPOINT_FILE
 
 # Settings in which the runs of one group may differ: chance, and places of others.
 _NOT_SETTINGS = ("seed", "resume", "pretraining.folder", "evaluate.random_folder")
+# What a run leaves that is over, or can be resumed: all files of one of these.
+_RESULTS = (
+    (CHECKPOINT_FILE,),
+    ("networks.pt", "report.json"),
+    ("summary.md",),
+    ("walk.mp4",),
+    ("walk.gif",),
+)
 
 
 class BrokenRunError(ValueError):
@@ -77,6 +86,11 @@ def find_runs(folder: Path) -> list[Run]:
     ]
     require(bool(found), "folder must hold runs of a recipe", f"none in '{folder}'")
     return sorted(found, key=lambda run: (sort_key(run.given.values()), run.seed))
+
+
+def has_results(folder: Path) -> bool:
+    """Whether a run in this folder is over, or can be resumed."""
+    return any(all((folder / one).is_file() for one in files) for files in _RESULTS)
 
 
 def _read_run(folder: Path) -> Run:
