@@ -21,6 +21,7 @@ from toponav.builders.processes import seed_of
 from toponav.config import (
     MazeConfig,
     NavigateConfig,
+    SettingsError,
     maze_label,
     refusing,
     require,
@@ -90,6 +91,14 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
         cell_size=require_motion(world).cell_size,
         slot_cells=list(layout.slots.values()),
     )
+    try:
+        distances.cell_numbers(poses[:, :2])
+    except ValueError as error:
+        raise SettingsError(
+            "run must name an exploration whose map is one of its maze, got "
+            f"'{folder}' with waypoints inside the walls of {layout.name} "
+            "(was its layout changed?)"
+        ) from error
     truth = GroundTruth(poses, layout, distances)
     places = _load_places(folder, topological_map.num_waypoints, about)
     return AgentKnowledge(world, networks, topological_map, places), truth

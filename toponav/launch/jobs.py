@@ -1,14 +1,13 @@
-"""From a command line to a recipe's settings, with errors of one sentence."""
+"""`recipe`: the jobs of a command line, each with settings and a folder of its own."""
 
 import argparse
-import hashlib
 import inspect
 import logging
 import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -16,40 +15,35 @@ from typing import Any, NoReturn, TypeVar
 import hydra
 import hydra.core.utils
 from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
-from toponav.config import RECIPES, SettingsError, read_yaml, require
+from toponav.config import SettingsError, require
 from toponav.interrupts import catch_as_usual, ignore_signals
-from toponav.methods import METHODS, register
-from toponav.refusals import (
-    REFUSALS,
-    leaves,
-    methods_of,
-    sentence_of,
-    settings_of,
-    unknown_setting,
+from toponav.launch.arguments import folder_name, named_folder, resumed_arguments
+from toponav.launch.folders import (
+    folder_setting,
+    is_sweep,
+    refusing_folders,
+    remove_refused,
+    save_whole,
 )
+from toponav.methods import register
+from toponav.refusals import REFUSALS, leaves, methods_of, sentence_of, unknown_setting
 from toponav.runs import (
     alone_in,
     keep_draws,
     log_uniform,
     remove_halves,
     remove_unused,
-    write_text,
+    require_room,
 )
 
 Settings = TypeVar("Settings")
 
 _FAILED = 1
 _USAGE_ERROR = 2
-#: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
-_LONGEST_NAME = 200
-#: Hydra's flags that have a value.
-_FLAGS = (
-    *("--cfg", "-c", "--package", "-p", "--info", "-i", "--experimental-rerun"),
-    *("--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"),
-)
+#: Room for settings and tables, which all runs write, in MB.
+_LEAST_MB = 1.0
 
 
 class _JobError(Exception):
@@ -75,11 +69,14 @@ def recipe(
 
     def decorate(function: Callable[[Settings, Path], None]) -> Callable[[], None]:
         conf = Path(inspect.getfile(function)).resolve().parent.parent / "conf"
+        # The folder of the sweep of each job that began here, and what was here before.
+        jobs, before = list[Path](), set[str]()
 
         def run(cfg: DictConfig) -> None:
             # Once more: a launcher may have started another process for it.
             _register()
-            _run_job(name, function, cfg)
+            jobs.append(Path(HydraConfig.get().sweep.dir))
+            _run_job(name, function, cfg, before)
 
         def main() -> None:
             _register()
@@ -88,12 +85,14 @@ def recipe(
             # Hydra then raises instead of printing, and the sentence is ours.
             os.environ["HYDRA_FULL_ERROR"] = "1"
             argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
-            hydra.core.utils._save_config = _save_whole
+            hydra.core.utils._save_config = save_whole
+            hydra.core.utils.JobReturn.return_value = _return_value  # type: ignore[assignment, method-assign]
             start = hydra.main(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)
-            with _one_sentence(name):
+            with _one_sentence(name, jobs):
                 catch_as_usual()
+                before.update(os.listdir())
                 arguments = sys.argv[1:]
                 for word in arguments:
                     rule = "a setting must have a name before its equals sign"
@@ -105,7 +104,8 @@ def recipe(
                 if first:
                     arguments = named_folder(arguments, first)
                 sys.argv[1:] = resumed_arguments(arguments, name)
-                start()
+                with refusing_folders(sys.argv[1:], lambda: bool(jobs)):
+                    start()
                 # Inside: until here Ctrl-C is one sentence.
                 ignore_signals()
 
@@ -123,17 +123,28 @@ def _register() -> None:
 
 def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:
     """Raise what Hydra's parser would print under its usage."""
+    if found := re.fullmatch("unrecognized arguments: ([^-].*)", message):
+        rule = "flags such as -m must come before all settings or after them"
+        raise SettingsError(f"{rule}, got one before {found.group(1)}")
     raise SettingsError(f"what begins with a dash must be a flag of Hydra's: {message}")
 
 
-def _save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
-    """Write what Hydra would write in place; a killed resume leaves the former file."""
-    output_dir.mkdir(parents=True, exist_ok=True)
-    write_text(output_dir / filename, OmegaConf.to_yaml(cfg))
+def _result(job: hydra.core.utils.JobReturn) -> Any:
+    """What a job returned; one that failed has said why, where Hydra would say that."""
+    if isinstance(job._return_value, _JobError):
+        raise job._return_value
+    return _hydras_result(job)
+
+
+_hydras_result = hydra.core.utils.JobReturn.return_value.fget  # type: ignore[attr-defined]
+_return_value = property(_result, hydra.core.utils.JobReturn.return_value.fset)  # type: ignore[attr-defined]
 
 
 def _run_job(
-    name: str, function: Callable[[Settings, Path], None], cfg: DictConfig
+    name: str,
+    function: Callable[[Settings, Path], None],
+    cfg: DictConfig,
+    before: Collection[str],
 ) -> None:
     job = HydraConfig.get()
     folder = Path(job.runtime.output_dir)
@@ -154,21 +165,20 @@ def _run_job(
                     if unknown := unknown_setting(key, name, methods_of(cfg)):
                         raise SettingsError(unknown)
                 if own is not None:
+                    setting = folder_setting(words, sweep=is_sweep())
+                    require_room(folder, setting, _LEAST_MB)
                     keep_draws(own, cfg, words)
                     remove_halves(folder)
                 settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
                 function(settings, folder)
             except BaseException:
-                # What wrote into the working directory made no folder.
-                made = folder.resolve() != Path.cwd()
-                if made and not OmegaConf.select(cfg, "resume"):
-                    log = f"{job.job.name}.log"
-                    remove_unused(folder, {log} if own is None else {log, own.name})
+                if not OmegaConf.select(cfg, "resume"):
+                    remove_refused(folder, own, before=before)
                 raise
     except Exception as error:
         sentence = sentence_of(error, name)
-        if job.mode is not RunMode.MULTIRUN or sentence is None:
-            with _one_sentence(name):
+        if not is_sweep() or sentence is None:
+            with _one_sentence(name, ()):
                 raise
         # Hydra goes on with the next job, and raises the first error at the end.
         print(f"{name}: {sentence} ({' '.join(words)})", file=sys.stderr)  # noqa: T201
@@ -176,92 +186,21 @@ def _run_job(
         raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
 
 
-def folder_name(overrides: str) -> str:
-    """One folder's name for the overrides of a run of a sweep, joined by commas.
-
-    Nothing in it makes folders of its own or needs quotes in a shell; a long one ends
-    in a digest. YAML writes it ``${folder_name:${hydra.job.override_dirname}}``.
-
-    Examples:
-        >>> folder_name("maze.blocked=[a,b],init_from=/runs/select")
-        'maze.blocked=a,b,init_from=-runs-select'
-    """
-    bare = re.sub(r"[][{}$'\"\\]", "", overrides)
-    name = re.sub(r"[^\w.,=+-]+", "-", bare)
-    if len(name) > _LONGEST_NAME:
-        digest = hashlib.sha256(overrides.encode()).hexdigest()[:8]
-        name = f"{name[: _LONGEST_NAME - 9]}-{digest}"
-    return name
-
-
-def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
-    """The command line of the run to go on with, and its folder to write into.
-
-    A command line without ``resume=`` comes back as it is.
-
-    Raises:
-        SettingsError: if ``resume`` names no run folder, or that of an earlier version
-            or another recipe, with settings that ``recipe`` has not.
-    """
-    given = [word for word in arguments if word.startswith("resume=")]
-    folder = given[-1].partition("=")[2].strip("'\"") if given else ""
-    if folder in ("", "null"):
-        return arguments
-    overrides = Path(folder) / "config" / "overrides.yaml"
-    if not overrides.is_file():
-        raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
-    config = overrides.with_name("config.yaml")
-    known = set(settings_of(RECIPES[recipe]))
-    for group, schemas in METHODS.items():
-        known.update(*(settings_of(schema, f"{group}.") for schema in schemas.values()))
-    old = OmegaConf.to_container(read_yaml(config)) if config.is_file() else {}
-    other = next((key for key in leaves(old) if key not in known), None)
-    require(
-        other is None,
-        f"resume must name a run of {recipe} of this version",
-        f"'{folder}', which an earlier version (or another recipe) made with other "
-        f"settings, '{other}'",
-    )
-    first: Any = OmegaConf.to_container(read_yaml(overrides, ListConfig))
-    rule = "resume must name a run whose command line was kept whole"
-    whole = all(isinstance(word, str) and word[:1] not in ("", "=") for word in first)
-    require(whole, rule, f"'{overrides}'")
-    kept = [word for word in first + arguments if not word.startswith("resume=")]
-    return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
-
-
-def named_folder(arguments: list[str], name: str) -> list[str]:
-    """The command line with the name of a setting before the folder that stands alone.
-
-    What is an existing folder, or has neither a ``=`` nor a leading dash, is taken for
-    the folder, unless it is the value of one of Hydra's flags.
-
-    Examples:
-        >>> named_folder(["multirun/explore"], "folder")
-        ["folder='multirun/explore'"]
-    """
-    found = []
-    for before, word in zip(["", *arguments], arguments, strict=False):
-        given = word.removeprefix(f"{name}=")
-        alone = Path(word).is_dir() or not ("=" in word or word.startswith("-"))
-        alone = alone and before not in _FLAGS
-        found.append(f"{name}={_quoted(given)}" if given != word or alone else word)
-    return found
-
-
-def _quoted(folder: str) -> str:
-    """In quotes for Hydra: a sweep's folder has equals signs and commas in its name."""
-    bare = folder.strip("'\"")
-    return "'" + bare.replace("'", "\\'") + "'"
-
-
 @contextmanager
-def _one_sentence(name: str) -> Iterator[None]:
-    """Say what is wrong with the settings or the engine, and end the process."""
+def _one_sentence(name: str, jobs: Sequence[Path]) -> Iterator[None]:
+    """Say what is wrong with the settings or the engine, and end the process.
+
+    Of a sweep each job has said it; where it has several, the last line says so. Its
+    folder goes if it holds no run.
+    """
     try:
         yield
     except _JobError as error:
-        print(f"{name}: not all jobs of the sweep succeeded", file=sys.stderr)  # noqa: T201
+        for folder in filter(Path.is_dir, set(jobs)):
+            remove_unused(folder, {"multirun.yaml"})
+        if len(jobs) != 1:
+            said = "not all jobs of the sweep succeeded"
+            print(f"{name}: {said}", file=sys.stderr)  # noqa: T201
         sys.exit(error.args[0])
     except KeyboardInterrupt:
         print(f"{name}: stopped by Ctrl-C", file=sys.stderr)  # noqa: T201
