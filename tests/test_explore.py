@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import re
 import shutil
 import signal
 import subprocess
@@ -89,7 +90,14 @@ def run(networks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("maze3: best policy covers ")
     assert "; random covers " in done.stdout
-    assert "\n1,024 decisions in " in done.stdout
+    last = done.stdout.splitlines()[-1]
+    found = re.fullmatch(
+        r"1,024 decisions in (.+) minutes of exploring; this command took (.+) minutes "
+        rf"from start to end; written to {folder}",
+        last,
+    )
+    assert found
+    assert float(found[1]) <= float(found[2])
     assert "coverage " in done.stderr
     assert "waypoints " in done.stderr
     return folder

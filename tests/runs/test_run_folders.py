@@ -176,6 +176,13 @@ def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:
     assert len(found.episodes["decisions"]) == 80
 
 
+def test_a_run_too_short_for_a_whole_episode_is_told(tmp_path: Path) -> None:
+    folder = make_exploration(tmp_path, best=[0.95])
+    (folder / "episodes.csv").unlink()
+    with pytest.raises(BrokenRunError, match="no episode of its training ended"):
+        read_exploration(folder)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [

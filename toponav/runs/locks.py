@@ -75,8 +75,13 @@ def remove_unused(folder: Path, names: Collection[str]) -> None:
     if not {path.name for path in folder.iterdir()} <= set(names):
         return
     shutil.rmtree(folder)
+    remove_empty(folder.resolve().parent)
+
+
+def remove_empty(folder: Path) -> None:
+    """Remove a folder and those that held it alone, inside the working directory."""
     with suppress(OSError):
-        for parent in folder.resolve().parents:
+        for parent in (folder.absolute(), *folder.absolute().parents):
             if Path.cwd() not in parent.parents:
                 break
             parent.rmdir()

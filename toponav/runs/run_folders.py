@@ -212,6 +212,9 @@ def read_exploration(folder: Path) -> Exploration:
     if "coverage" in evaluation:
         measure, percent, columns = "coverage", 100, ["decisions_to_90"]
     _require_columns(evaluation, columns, "evaluation.csv")
+    # Of many environments, short runs finish no whole episode.
+    if not (folder / "episodes.csv").is_file():
+        raise BrokenRunError("has no episodes.csv: no episode of its training ended")
     episodes = read_table(folder / "episodes.csv", ("decisions", measure))
     # Without a best policy where rewards of different times do not compare.
     if not evaluation["policy"].isin(["best", "last"]).any():
