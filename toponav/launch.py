@@ -8,7 +8,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -130,11 +130,12 @@ def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:
     raise SettingsError(f"what begins with a dash must be a flag of Hydra's: {message}")
 
 
-def _log_in_own_folder(*arguments: Any) -> None:
+def _log_in_own_folder(
+    log_config: DictConfig, verbose_config: bool | str | Sequence[str] = False
+) -> None:
     """Let Hydra open its log, the first file of a run, if the folder is the run's own.
 
-    Raises:
-        SettingsError: if another run is writing there, or has left its results.
+    `SettingsError` if another run is writing there, or has left its results.
     """
     job = HydraConfig.get()
     folder = Path(job.runtime.output_dir)
@@ -144,12 +145,12 @@ def _log_in_own_folder(*arguments: Any) -> None:
             with alone_in(folder / job.output_subdir):
                 pass
         words: Any = OmegaConf.to_container(job.overrides.task)  # as they were given
-        resumes = any(word.startswith("resume='") for word in words)
-        hint = f" (did you mean resume='{folder}'?)"
-        hint = hint if (folder / CHECKPOINT_FILE).is_file() else ""
+        is_new = not any(word.startswith("resume='") for word in words)
+        can_go_on = (folder / CHECKPOINT_FILE).is_file()
+        hint = f" (did you mean resume='{folder}'?)" if can_go_on else ""
         rule = "hydra.run.dir must name a folder without results of another run"
-        require(resumes or not has_results(folder), rule, f"'{folder}'{hint}")
-    _configure_log(*arguments)
+        require(not (is_new and has_results(folder)), rule, f"'{folder}'{hint}")
+    _configure_log(log_config, verbose_config)
 
 
 def _save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
