@@ -76,10 +76,9 @@ def engines(process: subprocess.Popen[bytes]) -> list[psutil.Process]:
     return found
 
 
-def semaphores(process: subprocess.Popen[bytes]) -> set[Path]:
-    """The files of those that a process has open."""
-    maps = psutil.Process(process.pid).memory_maps()
-    return {Path(one.path) for one in maps if one.path.startswith("/dev/shm/sem.")}
+def semaphores(process: subprocess.Popen[bytes]) -> list[Path]:
+    """The files of those that a process has made; joblib puts its number into them."""
+    return list(Path("/dev/shm").glob(f"sem.*-{process.pid}-*"))
 
 
 def require_stopped(status: int, number: int, said: Path) -> None:
@@ -113,16 +112,15 @@ def test_it_goes_on_whatever_ended_it(tmp_path: Path) -> None:
         require_stopped(process.wait(), signal.SIGINT, said)
     assert saved(folder) > stopped
 
-    # All of them are killed.
-    before = reported(folder)
-    with going_on(said, f"resume={folder}", "report.save_every_s=0.01") as process:
+    # All of them are killed, while they share a queue.
+    before, words = reported(folder), ["collect.mode=async", "report.save_every_s=0.01"]
+    with going_on(said, f"resume={folder}", *words) as process:
         wait_for(lambda: reported(folder) > before + 1, process, said)
-        names = semaphores(process)
-        assert names
+        assert semaphores(process)
         os.killpg(process.pid, signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
     deadline = time.monotonic() + 60
-    while any(map(Path.exists, names)):
+    while semaphores(process):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     stopped = saved(folder)
