@@ -136,7 +136,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     if reward.selection_metric is not None:
         metric = reward.selection_metric
         learned.sort(key=lambda one: one.mean(metric), reverse=True)
-    training.save_policy(folder, policies[learned[0].policy].state_dict())
+    builders.save_policy(folder, policies[learned[0].policy].state_dict())
     blind = baselines.rows(settings, explorer)
     rows = reports.write_evaluation(folder, learned, blind)
     reports.write_episode_video(folder, world, learned[0])

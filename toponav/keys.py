@@ -27,10 +27,10 @@ DONE: NestedKey = "done"
 TERMINATED: NestedKey = "terminated"
 #: bool [1]; the time limit ended the episode, or its engine was lost. Env -> losses.
 TRUNCATED: NestedKey = "truncated"
-#: float32 [H', W']; planar depth in map units. Env; no reader yet.
+#: float32 [H', W']; planar depth in map units. Env -> losses of Nav A3C + D2L alone.
 DEPTH: NestedKey = "depth"
 #: float32 [6]; per decision: forward, left, up in map units, yaw, pitch, roll in
-#: degrees. Env; no reader yet.
+#: degrees. Env -> NavActorCritic.
 VELOCITY: NestedKey = "velocity"
 
 # --- ground truth, for evaluation only -------------------------------------
@@ -57,6 +57,9 @@ DECISIONS_TO_COVERAGE: NestedKey = (PRIVILEGED, "decisions_to_coverage")
 #: int64 [1]; the waypoint of a navigator's map that is nearest in truth, -1 on an empty
 #: one. TruePlace -> a Navigator that is told its place, for diagnosis.
 TRUE_PLACE: NestedKey = (PRIVILEGED, "true_place")
+#: bool [1]; the agent is where it was in this episode before it was elsewhere.
+#: LoopClosure -> losses of Nav A3C + D2L alone.
+LOOP_CLOSED: NestedKey = (PRIVILEGED, "loop_closed")
 #: int64 [1]; squares of the floor entered in this episode. PlacesVisited -> evaluation.
 PLACES: NestedKey = (PRIVILEGED, "places")
 #: bool [1]; a new one beside one that looks the same way. WaypointTruth -> figures.
@@ -124,9 +127,15 @@ PREVIOUS_ACTION: NestedKey = "previous_action"
 #: float32 [1]; the last reward, clipped, 0 at an episode's start. PreviousReward ->
 #: ActorCritic, Navigator.
 PREVIOUS_REWARD: NestedKey = "previous_reward"
-#: float32 [C]; hidden and cell state of the LSTM. ActorCritic -> itself.
+#: float32 [C], of DRQN [1, C]; hidden and cell state of the LSTM. ActorCritic and DRQN
+#: -> themselves.
 HIDDEN: NestedKey = ("recurrent_state", "hidden")
 MEMORY_CELL: NestedKey = ("recurrent_state", "memory_cell")
+#: uint8 [H', W', 3 (K - 1)]; the views before this one, the oldest first, black before
+#: an episode's start. DQN's policy -> itself.
+FRAMES: NestedKey = ("recurrent_state", "frames")
+#: float32 [A]; of the actions: discounted reward, scaled. DQN, DRQN -> their losses.
+ACTION_VALUE: NestedKey = "action_value"
 #: bool [1]; the first decision of an episode. TorchRL's InitTracker -> ActorCritic.
 IS_INIT: NestedKey = "is_init"
 #: float32 []; log-probability of the action. ActorCritic -> losses.

@@ -317,7 +317,7 @@ def test_names_of_policies_are_checked(explored):
 
     assert refused("evaluate.policies=[me]") == (
         "evaluate.policies must be one of navigator, topological, poses, oracle, "
-        "random, perfect_controller, perfect_place, perfect_map, "
+        "random, trained, perfect_controller, perfect_place, perfect_map, "
         "perfect_controller_place, perfect_controller_map, perfect_place_map, got me"
     )
     assert refused("navigator=random", "evaluate.policies=[topological]") == (

@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from tests.exploring import explore_settings, world_of
+from toponav.builders import save_policy
 from toponav.config import SettingsError
 from toponav.methods import make_reward
-from toponav.training import ExplorationState, make_learner, save_policy
+from toponav.training import ExplorationState, make_learner
 
 
 def first_weights(folder: Path, *words: str) -> dict[str, torch.Tensor]:

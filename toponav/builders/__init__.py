@@ -39,6 +39,7 @@ from toponav.builders.navigation import (
     load_exploration as load_exploration,
     make_goal_places as make_goal_places,
     make_navigation_env as make_navigation_env,
+    require_same_maze as require_same_maze,
 )
 from toponav.builders.networks import (
     NETWORKS_FILE as NETWORKS_FILE,
@@ -58,6 +59,10 @@ from toponav.builders.places import (
     PLACES_FILE as PLACES_FILE,
     load_places as load_places,
     save_places as save_places,
+)
+from toponav.builders.policies import (
+    load_policy as load_policy,
+    save_policy as save_policy,
 )
 from toponav.builders.pretraining import (
     prepare_networks as prepare_networks,

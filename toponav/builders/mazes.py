@@ -46,6 +46,8 @@ def make_env(
     seed: int = 0,
     privileged: bool = False,
     goal_cells: Iterable[tuple[int, int]] | None = None,
+    depth: tuple[int, int] | None = None,
+    velocity: bool = False,
 ) -> MazeEnv:
     """A batch of mazes on an engine; the other arguments are those of `MazeEnv`.
 
@@ -66,6 +68,8 @@ def make_env(
         texture_seed=config.texture_seed,
         paintings=config.paintings,
         marks=config.marks,
+        depth=depth,
+        velocity=velocity,
         privileged=privileged,
         seed=seed,
     )

@@ -240,11 +240,17 @@ def _walk_for_views(
 
 
 def make_navigation_env(
-    config: NavigateConfig, places: GoalPlaces, *, envs: int, seed: int
+    config: NavigateConfig,
+    places: GoalPlaces,
+    *,
+    envs: int,
+    seed: int,
+    velocity: bool = False,
 ) -> EnvBase:
     """E mazes with a goal, its pictures, and all that a navigator reads.
 
-    The ground truth is there too, for those who judge and for the oracle.
+    The ground truth is there too, for those who judge and for the oracle; the
+    ``velocity`` for a trained policy that needs it.
     """
     env = make_env(
         config.maze,
@@ -253,6 +259,7 @@ def make_navigation_env(
         seed=seed,
         privileged=True,
         goal_cells=[(row, column) for row, column in places.cells.tolist()],
+        velocity=velocity,
     )
     assert env.world.goal_reward is not None  # mazes have goals
     reward = PreviousReward(env.world.goal_reward, in_keys=[REWARD])

@@ -19,6 +19,7 @@ from toponav.config import (
     PretrainConfig,
     RewardConfig,
     WorldConfig,
+    require,
 )
 from toponav.envs import Layout
 from toponav.worlds import WorldSpec
@@ -40,6 +41,8 @@ class World(Protocol):
     episode_length: int
     #: The plan, for evaluation alone; ``None`` in a world without ground truth.
     layout: Layout | None
+    #: What its environments can write beside views: ``velocity``, ``depth``.
+    senses: Collection[str]
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None: ...
 
@@ -50,10 +53,12 @@ class World(Protocol):
         seed: int,
         privileged: bool = False,
         episode_length: int | None = None,
+        senses: Collection[str] = (),
     ) -> EnvBase:
         """A batch of environments; ``privileged`` adds the ground truth, if any.
 
-        ``episode_length`` replaces the world's own.
+        ``episode_length`` replaces the world's own, and ``senses``, some of the
+        world's, are written, too.
         """
         ...
 
@@ -133,6 +138,10 @@ class Learner(Consumer, ABC):
 
     #: The schema of its settings.
     schema: ClassVar[type[LearnerConfig]]
+    #: Senses of the world, beside views, that its policy reads.
+    senses: ClassVar[Collection[str]] = ()
+    #: Those that its losses alone read, and no policy that acts.
+    taught: ClassVar[Collection[str]] = ()
     config: LearnerConfig
     policy: TensorDictModuleBase
 
@@ -147,6 +156,10 @@ class Learner(Consumer, ABC):
     ) -> None:
         assert isinstance(settings.loss, self.schema)
         self.config = settings.loss
+        needed = dict.fromkeys([*self.senses, *self.taught])
+        rule = f"loss={self.config.name} must have a world that gives "
+        lacking = [name for name in needed if name not in world.senses]
+        require(not lacking, rule + " and ".join(needed), f"{world.name} without")
         self.device = make_device(settings.device)
         self.policy = self.make_policy(settings, world).to(self.device)
         self.reward = reward
@@ -160,6 +173,17 @@ class Learner(Consumer, ABC):
 
         One with a state has ``make_tensordict_primer()``, which starts it at a reset.
         """
+
+    @staticmethod
+    def make_transforms(settings: ExploreConfig, world: World) -> list[Transform]:
+        """Transforms that write what its losses alone read, where experience is made.
+
+        The environment gives the ground truth and all that is `taught`.
+        """
+        return []
+
+    def settle(self, policy: TensorDictModuleBase) -> None:
+        """Make a trained policy what it is to be, before it is evaluated and kept."""
 
     def updated(self) -> Collection[str]:
         return (POLICY,)

@@ -44,11 +44,16 @@ class NavigateEvaluateConfig(Settings):
     group = "evaluate"
     episodes: int = at_least(1)
     policies: list[str] = MISSING
+    trained: list[str] = MISSING
     slow: int = at_least(1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(len(self.policies) > 0, "evaluate.policies must name one", "none")
+        for entry in self.trained:
+            name, _, folder = entry.partition(":")
+            rule = "evaluate.trained must hold entries such as dqn:runs/explore/dqn"
+            require(bool(name and folder), rule, f"'{entry}'")
 
 
 @dataclass

@@ -11,3 +11,4 @@ from toponav.data.pair_sources import (
     MinedPairs as MinedPairs,
     SplitPairs as SplitPairs,
 )
+from toponav.data.slice_replay import MASK as MASK, SliceReplay as SliceReplay

@@ -1,6 +1,7 @@
 """Networks: encoders, the TC-network, the L-network, the explorer's actor-critic."""
 
 from toponav.modules.actor_critic import (
+    NEXT_HIDDEN as NEXT_HIDDEN,
     ActorCritic as ActorCritic,
     EpisodicLSTM as EpisodicLSTM,
 )
@@ -10,6 +11,10 @@ from toponav.modules.encoders import (
     SmallEncoder as SmallEncoder,
     check_pixels as check_pixels,
     start_orthogonal as start_orthogonal,
+)
+from toponav.modules.nav_actor_critic import (
+    NavActorCritic as NavActorCritic,
+    StackedLSTM as StackedLSTM,
 )
 from toponav.modules.pair_networks import (
     Comparator as Comparator,

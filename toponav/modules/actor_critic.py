@@ -1,7 +1,7 @@
 """`ActorCritic`: the explorer's recurrent policy and value, and its `EpisodicLSTM`."""
 
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
@@ -28,6 +28,7 @@ _WRITERS: dict[NestedKey, str] = {
     keys.EMBEDDING: "WaypointMemory or EmbedViews",
     keys.PREVIOUS_ACTION: "PreviousAction",
     keys.PREVIOUS_REWARD: "PreviousReward",
+    keys.VELOCITY: "MazeEnv(velocity=True)",
     keys.IS_INIT: "TorchRL's InitTracker",
     keys.HIDDEN: "the policy's make_tensordict_primer()",
     keys.MEMORY_CELL: "the policy's make_tensordict_primer()",
@@ -51,6 +52,8 @@ class EpisodicLSTM(nn.Module):
 
     def __init__(self, input_dim: int, hidden_dim: int = 256) -> None:
         super().__init__()
+        #: Length of its state.
+        self.state_dim = hidden_dim
         self.lstm = nn.LSTM(input_dim, hidden_dim, batch_first=True)
 
     def step(self, inputs: Tensor, state: State, is_init: Tensor) -> State:
@@ -141,6 +144,8 @@ class ActorCritic(TensorDictModuleBase):
         torch.Size([5])
     """
 
+    #: An `EpisodicLSTM`, or what is used like one.
+    lstm: Any
     out_keys = [keys.ACTION, keys.ACTION_LOG_PROB, keys.LOGITS, keys.STATE_VALUE]
     out_keys += [NEXT_HIDDEN, NEXT_MEMORY_CELL]
 
@@ -174,7 +179,8 @@ class ActorCritic(TensorDictModuleBase):
             self.trunk = EmbeddingTrunk(embedding_dim, code_dim)
         usual_keys = {"pixels": keys.POLICY_PIXELS, "embedding": keys.EMBEDDING}
         self.view_key = view_key or usual_keys[input]
-        self.lstm = EpisodicLSTM(code_dim + num_actions + 2, hidden_dim)
+        self.code_dim = code_dim
+        self.lstm = self.make_lstm()
         self.actor = nn.Linear(hidden_dim, num_actions)
         self.critic = nn.Linear(hidden_dim, 1)
         # Small logits: the first policy is close to uniform whatever it sees.
@@ -183,14 +189,21 @@ class ActorCritic(TensorDictModuleBase):
         self.in_keys = [self.view_key, keys.PREVIOUS_ACTION, keys.PREVIOUS_REWARD]
         self.in_keys += [keys.IS_INIT, keys.HIDDEN, keys.MEMORY_CELL]
 
+    def make_lstm(self) -> nn.Module:
+        """The memory; acting calls `EpisodicLSTM.step`, training the module.
+
+        The last ``hidden_dim`` entries of its hidden state are its output.
+        """
+        return EpisodicLSTM(self.code_dim + self.num_actions + 2, self.hidden_dim)
+
     def make_tensordict_primer(self) -> RecurrentStatePrimer:
         return RecurrentStatePrimer(
-            self.hidden_dim, num_actions=self.num_actions, one_hot=self.one_hot
+            self.lstm.state_dim, num_actions=self.num_actions, one_hot=self.one_hot
         )
 
     def initial_state(self, *batch_size: int) -> TensorDict:
         """Zero states of the LSTM, ``hidden`` and ``memory_cell``, ``[*B, H]``."""
-        zeros = self.actor.weight.new_zeros(*batch_size, self.hidden_dim)
+        zeros = self.actor.weight.new_zeros(*batch_size, self.lstm.state_dim)
         state = {"hidden": zeros, "memory_cell": zeros.clone()}
         return TensorDict(state, batch_size, device=zeros.device)
 
@@ -199,7 +212,8 @@ class ActorCritic(TensorDictModuleBase):
         inputs, state = self._lstm_inputs(tensordict), self._state(tensordict)
         is_init = self._read(tensordict, keys.IS_INIT).reshape(-1)
         hidden, cell = self.lstm.step(inputs, state, is_init)
-        logits = self.actor(hidden)
+        output = hidden[..., -self.hidden_dim :]
+        logits = self.actor(output)
         log_probs = F.log_softmax(logits.float(), -1)
         if exploration_type() in (None, ExplorationType.RANDOM):
             action = torch.multinomial(log_probs.exp(), 1)
@@ -212,7 +226,7 @@ class ActorCritic(TensorDictModuleBase):
         tensordict.set(keys.ACTION, action)
         tensordict.set(keys.ACTION_LOG_PROB, log_prob.reshape(shape))
         tensordict.set(keys.LOGITS, logits.reshape(*shape, -1))
-        tensordict.set(keys.STATE_VALUE, self.critic(hidden).reshape(*shape, 1))
+        tensordict.set(keys.STATE_VALUE, self.critic(output).reshape(*shape, 1))
         tensordict.set(NEXT_HIDDEN, hidden.reshape(*shape, -1))
         return tensordict.set(NEXT_MEMORY_CELL, cell.reshape(*shape, -1))
 
@@ -239,7 +253,7 @@ class ActorCritic(TensorDictModuleBase):
         inputs = self._lstm_inputs(following)
         is_init = inputs.new_zeros(len(inputs), dtype=torch.bool)
         hidden, _ = self.lstm.step(inputs, self._state(following), is_init)
-        value: Tensor = self.critic(hidden)
+        value: Tensor = self.critic(hidden[..., -self.hidden_dim :])
         return value.reshape(*tensordict.batch_size, 1)
 
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
@@ -254,7 +268,7 @@ class ActorCritic(TensorDictModuleBase):
     def _state(self, tensordict: TensorDictBase) -> State:
         wanted = (keys.HIDDEN, keys.MEMORY_CELL)
         state = [self._read(tensordict, key) for key in wanted]
-        hidden, cell = (entry.reshape(-1, self.hidden_dim) for entry in state)
+        hidden, cell = (entry.reshape(-1, self.lstm.state_dim) for entry in state)
         return hidden, cell
 
     def _read(self, tensordict: TensorDictBase, key: NestedKey) -> Tensor:

@@ -129,9 +129,17 @@ class A3CLoss(GAEMixin, LossModule):
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        named = self.tensor_keys
         require_slices(tensordict)
-        log_prob, entropy, state_value = self._evaluate(tensordict)
+        return self._losses(tensordict, *self._evaluate(tensordict))
+
+    def _losses(
+        self,
+        tensordict: TensorDictBase,
+        log_prob: Tensor,
+        entropy: Tensor,
+        state_value: Tensor,
+    ) -> TensorDict:
+        named = self.tensor_keys
         if tensordict.get(named.advantage, None) is None:
             advantage, value_target = bootstrapped_advantage(
                 self, tensordict, state_value, self._next_values
@@ -153,22 +161,28 @@ class A3CLoss(GAEMixin, LossModule):
         return TensorDict({**reduced, "entropy": entropy})
 
     def _evaluate(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
-        named = self.tensor_keys
-        action = read_entry(tensordict, named.action, "action")
         if self.critic_network is None:
             unrolled = self.actor_network.unroll(tensordict)
-            logits = read_entry(unrolled, named.logits, "logits")
-            state_value = read_entry(unrolled, named.value, "value").float()
-            log_probs = F.log_softmax(logits.float(), -1)
-            *shape, num_actions = log_probs.shape
-            numbers = action_numbers(action, num_actions, torch.Size(shape))
-            log_prob = log_probs.gather(-1, numbers.unsqueeze(-1)).squeeze(-1)
-            entropy = -(log_probs.exp() * log_probs).sum(-1)
-            return log_prob, entropy, state_value
+            return self._evaluate_unrolled(tensordict, unrolled)
+        action = read_entry(tensordict, self.tensor_keys.action, "action")
         # A shallow copy, so that the caller's batch is left alone.
         policy = self.actor_network.get_dist(tensordict.copy())
         log_prob = action_log_prob(policy, action)
         return log_prob, policy.entropy(), self._judge(tensordict)
+
+    def _evaluate_unrolled(
+        self, tensordict: TensorDictBase, unrolled: TensorDictBase
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        named = self.tensor_keys
+        action = read_entry(tensordict, named.action, "action")
+        logits = read_entry(unrolled, named.logits, "logits")
+        state_value = read_entry(unrolled, named.value, "value").float()
+        log_probs = F.log_softmax(logits.float(), -1)
+        *shape, num_actions = log_probs.shape
+        numbers = action_numbers(action, num_actions, torch.Size(shape))
+        log_prob = log_probs.gather(-1, numbers.unsqueeze(-1)).squeeze(-1)
+        entropy = -(log_probs.exp() * log_probs).sum(-1)
+        return log_prob, entropy, state_value
 
     def _judge(self, tensordict: TensorDictBase) -> Tensor:
         network: Any = self.critic_network

@@ -34,10 +34,10 @@ from toponav.reports.exploration_report import (
     Timer as Timer,
 )
 from toponav.reports.map_report import report_maps as report_maps
+from toponav.reports.navigation_episodes import play_policies as play_policies
 from toponav.reports.navigation_report import (
     episode_table as episode_table,
     markdown_summary as markdown_summary,
-    play_policies as play_policies,
     summary_row as summary_row,
     write_goals as write_goals,
     write_path as write_path,

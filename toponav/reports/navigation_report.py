@@ -1,14 +1,12 @@
 """Navigators and those they are compared with: their episodes, numbers, pictures."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from toponav import metrics, plotting
@@ -16,57 +14,14 @@ from toponav.builders import (
     AgentKnowledge,
     GoalPlaces,
     GroundTruth,
-    make_navigation_env,
-    seed_of,
 )
-from toponav.config import NavigateConfig, NavigateVideoConfig
-from toponav.graph import Map, Planner
-from toponav.keys import GOAL_VIEWS
-from toponav.reports.episodes import play_episodes
+from toponav.config import NavigateVideoConfig
+from toponav.graph import Planner
+from toponav.reports.navigation_episodes import NavigationEpisodes
 from toponav.training import Row
 
-# Apart from the seeds of the walk for pictures.
-_EPISODES = 66
 #: Decisions within which success is reported.
 WITHIN = (250, 500, 1250, 5000)
-
-
-@dataclass(frozen=True)
-class NavigationEpisodes:
-    """The episodes of one policy."""
-
-    policy: str
-    trace: metrics.NavigationTrace
-    legs: pd.DataFrame  # the table of `measure_legs`
-    views: Tensor  # uint8 [V, H, W, 3]; what the first episode showed at its beginning
-    goal: Tensor  # uint8 [H, W, 3]; the first picture of its goal
-    map: Map | None  # on which the policy plans, if it plans on one
-
-
-def play_policies(
-    config: NavigateConfig,
-    truth: GroundTruth,
-    places: GoalPlaces,
-    policies: Mapping[str, TensorDictModuleBase],
-) -> list[NavigationEpisodes]:
-    """Play whole episodes; all policies meet the same mazes, starts and goals."""
-    played = play_episodes(
-        lambda envs: make_navigation_env(config, places, envs=envs, seed=0),
-        policies,
-        dict.fromkeys(policies, config.evaluate.episodes),
-        config.maze.episode_length,
-        seed=seed_of(config.seed, _EPISODES),
-        keep=metrics.TRACE_KEYS,
-        keep_next=metrics.TRACE_NEXT_KEYS,
-        views=config.video.decisions,
-    )
-    found = []
-    for name, one in played.items():
-        trace = metrics.trace_navigation(one.frames)
-        legs = metrics.measure_legs(trace, truth.distances)
-        goal, plans_on = one.start[GOAL_VIEWS][0], getattr(policies[name], "map", None)
-        found.append(NavigationEpisodes(name, trace, legs, one.views, goal, plans_on))
-    return found
 
 
 def episode_table(episodes: NavigationEpisodes) -> pd.DataFrame:

@@ -2,11 +2,9 @@
 
 from toponav.training.checkpoints import (
     ExplorationState as ExplorationState,
-    load_policy as load_policy,
     restore_exploration as restore_exploration,
     restore_training as restore_training,
     save_exploration as save_exploration,
-    save_policy as save_policy,
     save_training as save_training,
 )
 from toponav.training.consumers import (

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor, nn
 
 from toponav.builders import Consumer, Networks, require_same_model
 from toponav.config import ExploreCollectConfig, ModelConfig
@@ -17,8 +16,6 @@ from toponav.training.whole_states import require_whole
 
 _EXPLORATION = {"kind": "toponav exploration", "version": 2}
 _TRAINING = {"kind": "toponav training", "version": 1}
-_POLICY = {"kind": "toponav policy", "version": 1}
-_POLICY_FILE = "policy.pt"
 
 
 @dataclass
@@ -105,24 +102,6 @@ def restore_exploration(
             consumers[name].resume_episodes(episodes)
     collectors: list[dict[str, Any]] = running["collectors"]
     return collectors
-
-
-def save_policy(folder: Path, weights: Mapping[str, Tensor]) -> None:
-    """Write ``policy.pt``, an explorer's weights, atomically."""
-    kept: dict[str, object] = {**_POLICY, "weights": dict(weights)}
-    save_atomically(kept, folder / _POLICY_FILE)
-
-
-def load_policy(path: Path | str, policy: nn.Module) -> None:
-    """Read what `save_policy` wrote into a policy; ``path`` is the file or its folder.
-
-    Raises:
-        SettingsError: if there is none, it is damaged or of other settings.
-    """
-    file = Path(path)
-    file = file / _POLICY_FILE if file.is_dir() else file
-    with reading_checkpoint(file, "init_policy", _POLICY, "a policy") as found:
-        policy.load_state_dict(found["weights"])
 
 
 def save_training(

@@ -16,11 +16,12 @@ from toponav.builders import (
     Networks,
     RewardMethod,
     World,
+    load_policy,
     make_autocast,
 )
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS
-from toponav.training.checkpoints import ExplorationState, load_policy
+from toponav.training.checkpoints import ExplorationState
 from toponav.training.continued_training import ContinuedTraining, LocomotionFinetuner
 from toponav.training.episode_log import EpisodeLog, mean_of
 from toponav.training.map_growth import MapGrowth
@@ -175,10 +176,12 @@ def trained_policies(
 
     A run too short to choose from has the last policy as its best, too.
     """
-    last = learner.policy.cpu()
-    if "best" not in consumers:
-        return {"last": last}
-    best = learner.make_policy(settings, world)
-    kept = consumers["best"].state_dict()["weights"]
-    best.load_state_dict(kept or last.state_dict())
-    return {"best": best, "last": last}
+    policies = {"last": learner.policy.cpu()}
+    if "best" in consumers:
+        best = learner.make_policy(settings, world)
+        kept = consumers["best"].state_dict()["weights"]
+        best.load_state_dict(kept or policies["last"].state_dict())
+        policies = {"best": best, **policies}
+    for policy in policies.values():
+        learner.settle(policy)
+    return policies

@@ -27,7 +27,7 @@ from toponav.training.explorer import Explorer, make_explore_env, make_explorer
 def make_worker_env(settings: ExploreConfig, **arguments: Any) -> EnvBase:
     """The environment of one collecting process; full views stay out of batches."""
     stagger = settings.collect.stagger
-    env = make_explore_env(settings, stagger=stagger, **arguments)
+    env = make_explore_env(settings, stagger=stagger, teach=True, **arguments)
     return env.append_transform(ExcludeTransform(PIXELS))
 
 

@@ -105,19 +105,25 @@ def make_explore_env(
     envs: int,
     seed: int,
     stagger: bool = False,
+    teach: bool = False,
 ) -> EnvBase:
     """A batch of environments with everything that the explorer and its log read.
 
     Ground truth (coverage, spurious waypoints, poses) is there for the log alone; no
     network reads a privileged key. The explorer's networks must be in ``eval()`` mode.
-    ``stagger`` cuts the first episodes at different lengths.
+    ``stagger`` cuts the first episodes at different lengths. ``teach`` adds what the
+    learner's losses alone read; its policy does not.
 
     Raises:
         SettingsError: if the settings do not fit the world.
         EngineError: if the engine cannot start.
     """
+    learner = LEARNERS[settings.loss.name]
     env = world.make_env(
-        batch_size=envs, seed=seed, privileged=world.spec.has_positions
+        batch_size=envs,
+        seed=seed,
+        privileged=world.spec.has_positions,
+        senses=[*learner.senses, *(learner.taught if teach else ())],
     )
     reward, novelty = explorer.reward, explorer.novelty
     transforms: list[Transform] = []
@@ -131,6 +137,8 @@ def make_explore_env(
         if not reward.embeds:
             transforms.append(EmbedViews(novelty.tc.embed))
     transforms += reward.make_transforms(num_envs=envs, seed=seed)
+    if teach:
+        transforms += learner.make_transforms(settings, world)
     transforms.append(PreviousAction(world.spec.num_actions))
     if world.layout is not None:
         transforms.append(make_coverage(world))

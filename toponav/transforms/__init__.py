@@ -6,6 +6,7 @@ from toponav.transforms.agent_inputs import (
     PreviousReward as PreviousReward,
 )
 from toponav.transforms.embed_views import EmbedViews as EmbedViews
+from toponav.transforms.loop_closure import LoopClosure as LoopClosure
 from toponav.transforms.noisy_tv import NoisyTV as NoisyTV
 from toponav.transforms.novelty_rewards import (
     CountReward as CountReward,

@@ -29,7 +29,7 @@ class A3CLearner(ActorCriticLearner):
         return A3CLoss(self.policy)
 
     def make_optimizer(self) -> torch.optim.Optimizer:
-        config, weights = self.config, self.policy.parameters()
+        config, weights = self.config, self.parameters()
         return SharedRMSProp(weights, lr=config.lr, decay=config.decay, eps=config.eps)
 
     def minibatches(self, batch: TensorDictBase) -> Iterable[TensorDictBase]:

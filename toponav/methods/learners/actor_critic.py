@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from omegaconf import MISSING
 from tensordict import TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 from torchrl.objectives import LossModule, ValueEstimators
 
@@ -18,9 +18,6 @@ from toponav.builders import Learner, World
 from toponav.config import ExploreConfig, LearnerConfig, at_least, between, require
 from toponav.modules import ActorCritic
 from toponav.objectives import ReturnScale
-
-_LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
-_LOGGED = (*_LOSSES, "entropy")
 
 
 @dataclass
@@ -56,6 +53,9 @@ class ActorCriticLearner(Learner):
     schema = ActorCriticConfig
     config: ActorCriticConfig
     policy: ActorCritic
+    #: What of its loss is minimised, as a sum, and what else is logged.
+    losses: Sequence[str] = ("loss_objective", "loss_critic", "loss_entropy")
+    logged: Sequence[str] = ("entropy",)
     saved: Sequence[str] = ("policy", "optimizer", "scale", "updates")
 
     def __init__(self, settings: ExploreConfig, world: World, **given: Any) -> None:
@@ -91,6 +91,10 @@ class ActorCriticLearner(Learner):
             code_dim=policy.hidden,
             hidden_dim=policy.hidden,
         )
+
+    def parameters(self) -> list[nn.Parameter]:
+        """All that is trained."""
+        return list(self.policy.parameters())
 
     @abstractmethod
     def make_loss(self) -> LossModule:
@@ -135,7 +139,7 @@ class ActorCriticLearner(Learner):
         self.check(measured, self.updates)
         self.optimizer.zero_grad()
         loss.backward()
-        norm = clip_grad_norm_(self.policy.parameters(), self.config.max_grad_norm)
+        norm = clip_grad_norm_(self.parameters(), self.config.max_grad_norm)
         self.check({"gradient_norm": float(norm)}, self.updates)
         self.optimizer.step()
         self.updates += 1
@@ -146,7 +150,8 @@ class ActorCriticLearner(Learner):
         except FloatingPointError:
             self.check({"hidden_state": math.nan}, self.updates)
             raise
-        total: Tensor = sum(losses[name] for name in _LOSSES)
-        measured = {name: float(losses[name].detach()) for name in _LOGGED}
+        total: Tensor = sum(losses[name] for name in self.losses)
+        names = (*self.losses, *self.logged)
+        measured = {name: float(losses[name].detach()) for name in names}
         self.descend(total, measured)
         return measured

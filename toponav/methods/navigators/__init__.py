@@ -19,11 +19,16 @@ from toponav.methods.navigators.topological import (
     TopologicalConfig as TopologicalConfig,
     make_navigator as make_navigator,
 )
+from toponav.methods.navigators.trained import (
+    TRAINED,
+    TrainedConfig,
+    TrainedPolicy as TrainedPolicy,
+)
 
 #: By the name of their settings, ``conf/navigator/<name>.yaml``.
 NAVIGATORS = {
     **{"topological": TOPOLOGICAL, "poses": POSES},
-    **{"oracle": ORACLE, "random": RANDOM},
+    **{"oracle": ORACLE, "random": RANDOM, "trained": TRAINED},
 }
 #: What ``evaluate.policies`` calls the one that ``navigator`` chooses.
 CHOSEN = "navigator"
@@ -32,13 +37,14 @@ CHOSEN = "navigator"
 def make_policies(
     settings: NavigateConfig, knowledge: AgentKnowledge, truth: GroundTruth
 ) -> dict[str, TensorDictModuleBase]:
-    """Who plays, by name, in the order of ``evaluate.policies``.
+    """Who plays, by name, in the order of ``evaluate.policies`` and ``.trained``.
 
     Only methods that declare the ``truth`` and `DIAGNOSES` get it. Raises
     `SettingsError` if a name is unknown, or of a navigator with settings that
     ``navigator`` does not choose.
     """
     given = {"world": knowledge.world, "knowledge": knowledge, "truth": truth}
+    given["settings"] = settings
     policies = dict[str, TensorDictModuleBase]()
     for name in settings.evaluate.policies:
         if name in DIAGNOSES:
@@ -55,7 +61,21 @@ def make_policies(
         method = NAVIGATORS[config.name]
         needed = {need: given[need] for need in method.needs}
         policies[name] = method.make(config, **needed, seed=settings.seed)
+    for name, trained in _trained(settings).items():
+        policies[name] = TRAINED.make(trained, settings=settings, seed=settings.seed)
     return policies
+
+
+def _trained(settings: NavigateConfig) -> dict[str, TrainedConfig]:
+    """The policies of ``evaluate.trained``, by the names that they are given."""
+    found = dict[str, TrainedConfig]()
+    taken = {*settings.evaluate.policies, CHOSEN, *NAVIGATORS, *DIAGNOSES}
+    for entry in settings.evaluate.trained:
+        name, _, folder = entry.partition(":")
+        rule = "evaluate.trained must have names of their own"
+        require(name not in taken | found.keys(), rule, f"'{name}'")
+        found[name] = TrainedConfig(name="trained", policy=folder)
+    return found
 
 
 def _config(name: str, settings: NavigateConfig) -> NavigatorConfig:
@@ -87,7 +107,7 @@ def warn_of_goals(
 ) -> Iterator[str]:
     """What navigators have to say about goals that they cannot know, in sentences."""
     for name, policy in policies.items():
-        if name in DIAGNOSES:
+        if name in DIAGNOSES or isinstance(policy, TrainedPolicy):
             continue
         warn = NAVIGATORS[_config(name, settings).name].warn_of_goals
         if warn and (sentence := warn(policy, places)):

@@ -9,7 +9,7 @@ from tensordict.nn import TensorDictModuleBase
 from toponav.builders import GoalPlaces
 from toponav.config import NavigatorConfig
 
-Need = Literal["world", "knowledge", "truth"]
+Need = Literal["world", "knowledge", "truth", "settings"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,8 +18,8 @@ class NavigatorMethod:
 
     #: Of its settings in ``conf/navigator``; `NavigatorConfig` itself if it has none.
     schema: type[NavigatorConfig]
-    #: What `make` gets by these names: `WorldSpec`, `AgentKnowledge` or `GroundTruth`;
-    #: the last is for baselines alone, never for an agent.
+    #: What `make` gets by these names: `WorldSpec`, `AgentKnowledge`, `GroundTruth` or
+    #: the run's `NavigateConfig`; the truth is for baselines alone, never for an agent.
     needs: tuple[Need, ...] = ()
     #: From the settings, what it needs and ``seed`` to a policy that reads what
     #: `make_navigation_env` writes.

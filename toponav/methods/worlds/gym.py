@@ -1,5 +1,6 @@
 """Any Gymnasium environment with pixels and discrete actions."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields
 
 from omegaconf import MISSING, OmegaConf
@@ -55,6 +56,7 @@ class GymWorld(World):
     """
 
     schema = GymWorldConfig
+    senses = ()
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
         assert isinstance(settings.world, GymWorldConfig)
@@ -73,6 +75,7 @@ class GymWorld(World):
         seed: int,
         privileged: bool = False,
         episode_length: int | None = None,
+        senses: Collection[str] = (),
     ) -> EnvBase:
         """A batch of environments; ``privileged`` adds the position, if any."""
         with refusing("world.id: "):

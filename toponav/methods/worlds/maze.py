@@ -1,11 +1,15 @@
 """The mazes of ``conf/maze``, on an engine."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from torchrl.envs import EnvBase
 
 from toponav.builders import World, engine_world, make_env, make_layout
 from toponav.config import ExploreConfig, PretrainConfig, WorldConfig, maze_label
+
+# Height and width of a depth picture.
+_DEPTH = (20, 18)
 
 
 @dataclass
@@ -19,6 +23,7 @@ class MazeWorld(World):
     """A maze: it reports poses, cells and slots, so that coverage can be reported."""
 
     schema = MazeWorldConfig
+    senses = ("velocity", "depth")
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None:
         self.maze, self.engine = settings.maze, settings.engine
@@ -34,6 +39,7 @@ class MazeWorld(World):
         seed: int,
         privileged: bool = False,
         episode_length: int | None = None,
+        senses: Collection[str] = (),
     ) -> EnvBase:
         """A batch of mazes; ``episode_length`` replaces that of the settings."""
         length = episode_length or self.episode_length
@@ -43,4 +49,6 @@ class MazeWorld(World):
             batch_size=batch_size,
             seed=seed,
             privileged=privileged,
+            depth=_DEPTH if "depth" in senses else None,
+            velocity="velocity" in senses,
         )

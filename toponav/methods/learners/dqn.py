@@ -1,0 +1,116 @@
+"""DQN: values of actions from the last few views, without a memory."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+from torchrl.data import Unbounded
+from torchrl.envs.transforms import TensorDictPrimer
+
+from toponav.config import ExploreConfig, at_least
+from toponav.data import MASK
+from toponav.keys import ACTION, ACTION_VALUE, FRAMES, IS_INIT, POLICY_PIXELS
+from toponav.methods.learners.q_learner import (
+    QConfig,
+    QConvolutions,
+    QLearner,
+    QPolicy,
+)
+
+
+@dataclass
+class DQNConfig(QConfig):
+    """Settings of ``loss=dqn``."""
+
+    frames: int = at_least(1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_slices("frames")
+
+    @property
+    def slice_length(self) -> int:
+        return self.frames
+
+
+class StackedQNetwork(TensorDictModuleBase):
+    """Values of actions from a view and the K - 1 views before it.
+
+    The earlier views are its state: they ride in the tensordict, and it hands on the
+    newest ones.
+
+    Args:
+        num_actions: number A of actions.
+        size: height and width of the views in pixels.
+        frames: number K of views.
+        hidden: width of the layer after the convolutions.
+
+    Examples:
+        >>> network = StackedQNetwork(6, size=36, frames=4, hidden=16)
+        >>> views = {POLICY_PIXELS: torch.zeros(5, 36, 36, 3, dtype=torch.uint8)}
+        >>> views[FRAMES] = torch.zeros(5, 36, 36, 9, dtype=torch.uint8)
+        >>> network(TensorDict(views, [5]))["action_value"].shape
+        torch.Size([5, 6])
+    """
+
+    in_keys = [POLICY_PIXELS, FRAMES]
+    out_keys = [ACTION_VALUE, ("next", *FRAMES)]
+
+    def __init__(self, num_actions: int, *, size: int, frames: int, hidden: int):
+        super().__init__()
+        self.convolutions = QConvolutions(3 * frames, size=size)
+        head = nn.Linear(self.convolutions.code_dim, hidden)
+        self.head = nn.Sequential(head, nn.ReLU(), nn.Linear(hidden, num_actions))
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        stack = torch.cat([tensordict[FRAMES], tensordict[POLICY_PIXELS]], -1)
+        tensordict.set(ACTION_VALUE, self.head(self.convolutions(stack)))
+        return tensordict.set(("next", *FRAMES), stack[..., 3:])
+
+
+class DQNLearner(QLearner):
+    """A feed-forward network on a stack of views, and a target network.
+
+    Reference:
+        Mnih et al., "Human-level control through deep reinforcement learning" (2015).
+    """
+
+    schema = DQNConfig
+    config: DQNConfig
+
+    @staticmethod
+    def make_network(settings: ExploreConfig, num_actions: int) -> QPolicy:
+        assert isinstance(settings.loss, DQNConfig)
+        size, frames = settings.policy.view_size, settings.loss.frames
+        network = StackedQNetwork(
+            num_actions, size=size, frames=frames, hidden=settings.policy.hidden
+        )
+        black = Unbounded((size, size, 3 * (frames - 1)), dtype=torch.uint8)
+        primer = partial(TensorDictPrimer, {FRAMES: black}, expand_specs=True)
+        return QPolicy(network, primer, num_actions=num_actions)
+
+    def make_batch(self, slices: TensorDictBase) -> TensorDict:
+        """The last decision of each slice ``[B, L]``, with the views before it."""
+        views, now, later = slices[POLICY_PIXELS], slices[:, -1], slices["next"][:, -1]
+        # A view counts if no episode has begun after it.
+        begun = slices[IS_INIT][:, 1:].flip(1).cumsum(1).flip(1).squeeze(-1) > 0
+        black = begun.reshape(*begun.shape, 1, 1, 1)
+        earlier = views[:, :-1].masked_fill(black, 0)
+        # After the decision: the oldest view is gone, unless one view is all there is.
+        following = torch.cat([earlier, views[:, -1:]], 1)[:, 1:]
+        entries = {
+            POLICY_PIXELS: views[:, -1],
+            ACTION: now[ACTION],
+            MASK: now[MASK],
+            FRAMES: _stack(earlier),
+            "next": later.set(FRAMES, _stack(following)),
+        }
+        return TensorDict(entries, now.batch_size)
+
+
+def _stack(views: Tensor) -> Tensor:
+    """From views ``[B, K, H, W, 3]`` to ``[B, H, W, 3 K]``, the oldest first."""
+    return views.movedim(1, 3).flatten(3)
