@@ -110,24 +110,24 @@ def explore(method: str, seed: int, decisions: int) -> Iterator[tuple[object, ..
     )
     deepest = torch.ones(ENVS, dtype=torch.int64)
     ended: list[int] = []
-    paid, visits = torch.zeros(NUM_ROOMS + 1), torch.zeros(NUM_ROOMS + 1)
+    bonus, visits = torch.zeros(NUM_ROOMS + 1), torch.zeros(NUM_ROOMS + 1)
     for number, batch in enumerate(collector, start=1):
         progress[0] = number * batch.numel() / decisions
         room = rooms.number(batch["next", POSITION])
         deepest, over = _follow(batch, room, deepest)
         ended += over
         pay = batch["next", reward.reward_key].flatten()
-        paid.index_add_(0, room.flatten(), pay)
+        bonus.index_add_(0, room.flatten(), pay)
         visits += torch.bincount(room.flatten(), minlength=NUM_ROOMS + 1)
         learner.extend(batch)
         reward.extend(batch)
         if number % BATCHES_OF_A_ROW == 0:
             share = sum(one == NUM_ROOMS for one in ended) / len(ended)
-            whole = float(paid.sum() / visits.sum())
-            by_room = (paid / visits / (whole or 1))[1:].tolist()
+            whole = float(bonus.sum() / visits.sum())
+            by_room = (bonus / visits / (whole or 1))[1:].tolist()
             figures = (share, sum(ended) / len(ended), *by_room)
             yield (number * batch.numel(), *(f"{one:.3f}" for one in figures))
-            ended, paid, visits = [], 0 * paid, 0 * visits
+            ended, bonus, visits = [], 0 * bonus, 0 * visits
         if progress[0] >= 1:
             break
     collector.shutdown()
