@@ -27,7 +27,7 @@ from toponav.reports.exploration_evaluation import (
     Evaluation,
     evaluate_policies,
 )
-from toponav.runs import locked, write_text
+from toponav.runs import locked, require_room, write_text
 from toponav.training import Explorer, Row, make_coverage, mean_of
 
 # To be raised if policies, scenes or what counts as covered change.
@@ -35,6 +35,8 @@ _VERSION = 1
 # Settings of a maze that change nothing for who sees nothing; the path is only that of
 # the layout, whose text counts.
 _UNSEEN = ("path", "texture_seed", "paintings", "marks")
+# Room for what is kept, in MB.
+_KEPT_MB = 1.0
 # Fewer decisions take less time than a process of their own needs to start.
 _FEW = 20_000
 # Low priority comes first, since loading torch takes seconds.
@@ -135,8 +137,15 @@ class Baselines:
 
 
 def start_baselines(settings: ExploreConfig, world: World) -> Baselines:
-    """The blind baselines of a run, which a process plays if they are missing."""
+    """The blind baselines of a run, which a process plays if they are missing.
+
+    Raises:
+        SettingsError: if they cannot be kept where later runs would find them.
+    """
     baselines = Baselines(settings, world)
+    if world.layout is not None and find_baselines(settings, world) is None:
+        kept = Path(settings.evaluate.random_folder)
+        require_room(kept, "evaluate.random_folder", _KEPT_MB)
     baselines.start()
     return baselines
 
