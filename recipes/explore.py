@@ -45,6 +45,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
 
     # The world, policies that see nothing in it, networks if this reward needs them.
     world, networks = methods.make_world(settings), None
+    training.require_explore_room(settings, world, folder)
     baselines = reports.start_baselines(settings, world)
     if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
         schedule.begin(reports.PRETRAIN)

@@ -52,6 +52,7 @@ from toponav.training import (
     Validation,
     decisions_due,
     make_pretrainer,
+    require_pretrain_room,
     restore_training,
     save_training,
 )
@@ -68,6 +69,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     # Fresh networks, or those of an earlier run, and what trains them.
     world = worlds[0].spec
     networks = start_networks(settings.model, world, settings.init_from, device=device)
+    require_pretrain_room(settings, worlds, networks.modules, folder)
     buffer = make_frame_buffer(settings, world)
     trainer = make_pretrainer(
         settings, networks, buffer.storage, autocast=autocast, folder=folder

@@ -14,7 +14,7 @@ import torch
 
 from tests.exploring import explore_settings, world_of
 from toponav.builders import World, make_networks
-from toponav.config import ExploreConfig
+from toponav.config import ExploreConfig, SettingsError
 from toponav.envs.engines.doom import instances
 from toponav.methods import make_reward, make_world
 from toponav.methods.worlds.maze import MazeWorld
@@ -110,11 +110,19 @@ def test_a_damaged_file_is_made_again(
     assert len(plays) == 4
 
 
-def test_where_nothing_can_be_kept_they_are_played_anyway(
+def test_where_nothing_can_be_kept_is_said_before_a_run(
     config: ExploreConfig, plays: list[str], tmp_path: Path
 ) -> None:
     (tmp_path / "kept").write_text("a file, no folder")
-    assert rows_of(config) == rows_of(config) == PLAYED
+    with pytest.raises(SettingsError) as error:
+        start_baselines(config, world_of(config))
+    assert str(error.value) == (
+        "evaluate.random_folder must name a folder that can be written to, got "
+        f"'{tmp_path}/kept' (Not a directory)"
+    )
+    # If that happens later, they are played anyway.
+    for _ in range(2):
+        assert rows_from(Baselines(config, world_of(config))) == PLAYED
     assert len(plays) == 2
 
 

@@ -1,80 +1,58 @@
-"""Folders that cannot be written, full disks, no shared memory: one sentence each."""
+"""Whether there is room: said in one sentence, before anything is written."""
 
-import errno
-import os
 import shutil
-import sys
+from collections import namedtuple
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from tests.forked import run_forked
 from toponav.config import SettingsError
 from toponav.runs import require_room, require_shared_memory, room
 
-LINUX = pytest.mark.skipif(sys.platform != "linux", reason="no such folder elsewhere")
+Usage = namedtuple("Usage", "total used free")
 
 
-def read_only(**_: object) -> None:
-    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+def said(check, *arguments: object) -> str:
+    with pytest.raises(SettingsError) as error:
+        check(*arguments)
+    return str(error.value)
 
 
-def with_free(megabytes: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    free = SimpleNamespace(free=megabytes * 1e6)
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: free)
-
-
-def refusal(call, *given: object) -> str:
-    with pytest.raises(SettingsError) as caught:
-        call(*given)
-    return str(caught.value)
-
-
-def test_a_folder_is_looked_at_where_it_would_be_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    new = tmp_path / "new" / "deep"
-    with_free(7, monkeypatch)
-    require_room(new, "hydra.run.dir", 7)
-    assert refusal(require_room, new, "hydra.run.dir", 8) == (
-        "hydra.run.dir must name a folder on a disk with room for 8 MB, got "
-        f"'{new}' with 7.0 MB free"
-    )
-    monkeypatch.setattr(room.tempfile, "TemporaryFile", read_only)
-    assert refusal(require_room, new, "hydra.run.dir", 1) == (
-        "hydra.run.dir must name a folder that can be written to, got "
-        f"'{new}' (Read-only file system)"
-    )
+def test_where_there_is_room_nothing_is_said_or_left(tmp_path: Path) -> None:
+    require_room(tmp_path / "new" / "run", "hydra.run.dir", 1)
+    require_shared_memory(0.001, "collect.envs")
     assert not list(tmp_path.iterdir())
 
 
-@LINUX
-def test_shared_memory_must_be_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(room, "SHARED_MEMORY", tmp_path)
-    rule = f"{tmp_path} must have room for 6.0 MB, which processes of this run share "
-    rule += "(less with a smaller collect.envs), got "
-    with_free(6, monkeypatch)
-    require_shared_memory(6, "collect.envs")
-    with_free(5, monkeypatch)
-    said = refusal(require_shared_memory, 6, "collect.envs")
-    assert said == f"{rule}5.0 MB; in Docker, --shm-size sets it"
-    monkeypatch.setattr(room.tempfile, "TemporaryFile", read_only)
-    said = refusal(require_shared_memory, 6, "collect.envs")
-    assert said == f"{rule}none (Read-only file system)"
+def test_a_folder_below_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert said(require_room, tmp_path / "file" / "run", "resume", 1) == (
+        "resume must name a folder that can be written to, got "
+        f"'{tmp_path}/file/run' (Not a directory)"
+    )
 
 
-@LINUX
-def test_a_recipe_without_shared_memory_starts_nothing(
+@pytest.mark.parametrize(("free", "given"), [(2_500_000, "2.5"), (0, "0.0")])
+def test_a_full_disk_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, given: str
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**9, 10**9, free))
+    folder = tmp_path / "new"
+    assert said(require_room, folder, "pretraining.folder", 12) == (
+        "pretraining.folder must name a folder on a disk with room for 12 MB, got "
+        f"'{folder}' with {given} MB free"
+    )
+    assert said(require_shared_memory, 70, "collect.envs") == (
+        "/dev/shm must have room for 70 MB, which processes of this run share (less "
+        f"with a smaller collect.envs), got {given} MB; in Docker, --shm-size sets it"
+    )
+
+
+def test_a_machine_without_shared_memory_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(room, "SHARED_MEMORY", tmp_path / "none")
-    words = ("scale=smoke", "hydra.run.dir=run")
-    done = run_forked("pretrain", *words, cwd=tmp_path)
-    (sentence,) = done.stderr.splitlines()
-    assert done.returncode == 2
-    assert sentence.startswith(f"pretrain: {tmp_path}/none must have room for 0.4 MB")
-    assert sentence.endswith("got none (No such file or directory)")
-    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(room, "SHARED_MEMORY", tmp_path / "shm")
+    assert said(require_shared_memory, 7, "collect.batch") == (
+        f"{tmp_path}/shm must have room for 7 MB, which processes of this run share "
+        "(less with a smaller collect.batch), got none (No such file or directory)"
+    )

@@ -37,7 +37,6 @@ from toponav.runs import (
     remove_halves,
     remove_unused,
     require_room,
-    require_shared_memory,
 )
 
 Settings = TypeVar("Settings")
@@ -46,8 +45,6 @@ _FAILED = 1
 _USAGE_ERROR = 2
 #: Room for settings and tables, which all runs write, in MB.
 _LEAST_MB = 1.0
-#: What an engine shares with its process, in MB.
-_ENGINE_MB = 0.1
 
 
 class _JobError(Exception):
@@ -175,8 +172,6 @@ def _run_job(
                     keep_draws(own, cfg, words)
                     remove_halves(folder)
                 settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
-                if collect := getattr(settings, "collect", None):
-                    require_shared_memory(collect.envs * _ENGINE_MB, "collect.envs")
                 function(settings, folder)
             except BaseException:
                 if not OmegaConf.select(cfg, "resume"):

@@ -21,7 +21,7 @@ from toponav.reports.exploration_evaluation import (
     Evaluation,
     evaluate_policies,
 )
-from toponav.runs import locked, write_text
+from toponav.runs import locked, require_room, write_text
 from toponav.training import Explorer, Row, make_coverage, mean_of
 
 # To be raised if policies, scenes or what counts as covered change.
@@ -29,6 +29,8 @@ _VERSION = 1
 # Settings of a maze that change nothing for who sees nothing; the path is only that of
 # the layout, whose text counts.
 _UNSEEN = ("path", "texture_seed", "paintings", "marks")
+# Room for what is kept, in MB.
+_KEPT_MB = 1.0
 
 
 class Baselines:
@@ -99,8 +101,15 @@ class Baselines:
 
 
 def start_baselines(settings: ExploreConfig, world: World) -> Baselines:
-    """The blind baselines of a run, which a process plays if they are missing."""
+    """The blind baselines of a run, which a process plays if they are missing.
+
+    Raises:
+        SettingsError: if they cannot be kept where later runs would find them.
+    """
     baselines = Baselines(settings, world)
+    if world.layout is not None and find_baselines(settings, world) is None:
+        kept = Path(settings.evaluate.random_folder)
+        require_room(kept, "evaluate.random_folder", _KEPT_MB)
     baselines.start()
     return baselines
 

@@ -33,6 +33,7 @@ from toponav.runs.run_folders import (
     Exploration as Exploration,
     Run as Run,
     find_runs as find_runs,
+    folders_of_runs as folders_of_runs,
     group_runs as group_runs,
     has_results as has_results,
     read_exploration as read_exploration,

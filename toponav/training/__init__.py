@@ -52,3 +52,7 @@ from toponav.training.pretraining import (
     learning_rate as learning_rate,
     make_pretrainer as make_pretrainer,
 )
+from toponav.training.room import (
+    require_explore_room as require_explore_room,
+    require_pretrain_room as require_pretrain_room,
+)
