@@ -49,7 +49,7 @@ def require_shared_memory(megabytes: float, setting: str) -> None:
     """
     if not sys.platform.startswith("linux"):
         return
-    rule = f"{SHARED_MEMORY} must have room for {megabytes:.1f} MB, which processes of "
+    rule = f"{SHARED_MEMORY} must have room for {megabytes:.0f} MB, which processes of "
     rule += f"this run share (less with a smaller {setting})"
     try:
         with tempfile.TemporaryFile(dir=SHARED_MEMORY):

@@ -24,6 +24,8 @@ from toponav.runs.files import CHECKPOINT_FILE
 _DEEPEST, _MOST_FOLDERS = 4, 10_000
 # Beside its settings, what a run needs to be reported on.
 _NEEDED = ("overrides", "hydra")
+# Columns of tables that hold words.
+_WORDS = ("policy", "phase")
 # Settings in which the runs of one group may differ: chance, and places of others.
 _NOT_SETTINGS = ("seed", "resume", "pretraining.folder", "evaluate.random_folder")
 # What a run leaves that is over, or can be resumed: all files of one of these.
@@ -182,7 +184,7 @@ def read_table(path: Path, columns: Iterable[str] = ()) -> pd.DataFrame:
 
     Raises:
         BrokenRunError: if the file, a column or a cell is missing, it is empty, or one
-            of these columns but ``policy`` holds other than numbers.
+            of these columns that is none of words holds other than numbers.
     """
     if not path.is_file():
         raise BrokenRunError(f"has no {path.name}")
@@ -202,7 +204,7 @@ def _require_columns(table: pd.DataFrame, columns: Iterable[str], file: str) -> 
     for column in columns:
         if column not in table:
             raise BrokenRunError(f"has no column '{column}' in its {file}")
-        if column != "policy" and not is_numeric_dtype(table[column]):
+        if column not in _WORDS and not is_numeric_dtype(table[column]):
             raise BrokenRunError(f"has other than numbers as '{column}' in its {file}")
 
 
@@ -244,7 +246,7 @@ def read_exploration(folder: Path) -> Exploration:
     evaluation = read_table(folder / "evaluation.csv", ("policy", "seed"))
     measure, percent, columns = "intrinsic_return", 1, ["intrinsic_return"]
     if "coverage" in evaluation:
-        measure, percent, columns = "coverage", 100, ["decisions_to_90"]
+        measure, percent, columns = "coverage", 100, ["coverage", "decisions_to_90"]
     _require_columns(evaluation, columns, "evaluation.csv")
     # Of many environments, short runs finish no whole episode.
     if not (folder / "episodes.csv").is_file():
