@@ -14,6 +14,7 @@ from toponav.runs.files import (
     write_text as write_text,
 )
 from toponav.runs.locks import (
+    StoppedError as StoppedError,
     alone_in as alone_in,
     locked as locked,
     remove_unused as remove_unused,
