@@ -47,7 +47,7 @@ from toponav.reports import (
     write_reports,
     write_walk_map,
 )
-from toponav.runs import make_loggers, stop_requests, write_history
+from toponav.runs import StoppedError, make_loggers, stop_requests, write_history
 from toponav.training import (
     Validation,
     decisions_due,
@@ -98,7 +98,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                 # Episodes that no training sees, to validate on, while the first
                 # decisions are collected.
                 with taken_meanwhile(collected, settings.collect.ahead) as batches:
-                    held_out = collect_held_out(settings, worlds, progress=stop.leave)
+                    held_out = collect_held_out(settings, worlds, progress=stop.check)
                 validate = Validation(networks, settings, held_out, autocast=autocast)
 
                 while trainer.updates < train.updates and not stop.requested:
@@ -129,7 +129,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                     if is_last or time.monotonic() - saved > train.save_every_s:
                         save_training(folder, networks, trainer, history)
                         saved = time.monotonic()
-        except CollectionError:
+        except (CollectionError, StoppedError):
             save_training(folder, networks, trainer, history)
             if not stop.requested:
                 raise

@@ -3,7 +3,7 @@ import signal
 
 import pytest
 
-from toponav.runs import stop_requests
+from toponav.runs import StoppedError, stop_requests
 
 BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 
@@ -33,23 +33,19 @@ def test_the_second_signal_insists(number: int) -> None:
     assert seen == []
 
 
-def leave_after(number: int) -> None:
+def checked_after(number: int) -> None:
     with stop_requests() as stop:
-        stop.leave()
+        stop.check()
         os.kill(os.getpid(), number)
-        stop.leave()
-        pytest.fail("it went on")
+        with pytest.raises(StoppedError):
+            stop.check()
 
 
-@pytest.mark.parametrize(
-    ("number", "error"),
-    [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)],
-)
-def test_what_is_not_worth_finishing_ends_at_once(
-    number: int, error: type[BaseException]
-) -> None:
-    with pytest.raises(error):
-        leave_after(number)
+@BOTH
+def test_what_is_not_worth_finishing_can_end_at_once(number: int) -> None:
+    with pytest.raises(SystemExit) as end:
+        checked_after(number)
+    assert end.value.code == 128 + number
 
 
 def test_without_a_signal_the_handlers_are_as_before() -> None:

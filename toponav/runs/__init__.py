@@ -18,6 +18,7 @@ from toponav.runs.files import (
     write_text as write_text,
 )
 from toponav.runs.locks import (
+    StoppedError as StoppedError,
     alone_in as alone_in,
     locked as locked,
     remove_empty as remove_empty,

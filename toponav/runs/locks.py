@@ -87,6 +87,10 @@ def remove_empty(folder: Path) -> None:
             parent.rmdir()
 
 
+class StoppedError(Exception):
+    """Ends what is not worth finishing in a process that was asked to stop."""
+
+
 class StopRequest:
     """Whether Ctrl-C or SIGTERM asked a run to stop."""
 
@@ -103,12 +107,10 @@ class StopRequest:
             sys.exit(128 + number)
         self.requested = self.requested or number
 
-    def leave(self) -> None:
-        """End what is not worth finishing, if the process was asked to stop."""
-        if self.requested == signal.SIGINT:
-            raise KeyboardInterrupt
+    def check(self) -> None:
+        """Raise `StoppedError` if the process was asked to stop."""
         if self.requested:
-            sys.exit(128 + self.requested)
+            raise StoppedError
 
 
 @contextmanager
