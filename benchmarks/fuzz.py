@@ -571,7 +571,7 @@ def outcome(case: Case, work: Path) -> tuple[str, str]:
 
 
 def is_refusal(text: str) -> bool:
-    """Whether one sentence was printed, or those of a sweep with several jobs.
+    r"""Whether one sentence was printed, or those of a sweep with several jobs.
 
     Examples:
         >>> is_refusal("tour: seed must be 0"), is_refusal("one\ntwo")
