@@ -24,6 +24,7 @@ import contextlib
 import importlib
 import io
 import json
+import multiprocessing.util
 import os
 import random
 import re
@@ -608,6 +609,8 @@ def run_child(case: Case, said: Path, work: Path) -> None:
         traceback.print_exc()
         code = 99
     sys.stderr.flush()
+    # A recipe's own process ends with this: named semaphores are removed.
+    multiprocessing.util._exit_function()
     os._exit(code)
 
 
