@@ -18,8 +18,8 @@ started again. Its faults:
 * ``left``: a process, an engine's folder or shared memory is left after the resume;
 * ``resume``: it did not end well, or was refused although there was a checkpoint.
 
-``--together`` starts six explorations in the same second in one directory, which share
-one pre-training, and 24 tours. Finished cases are kept in ``--work``, line by line in
+``--together`` starts six explorations, which share one pre-training, and 24 tours at
+once in one directory. Finished cases are kept in ``--work``, line by line in
 ``cases.jsonl``: the same command goes on where it was cut off.
 """
 
@@ -74,7 +74,16 @@ RUNS: dict[str, tuple[str, ...]] = {
         *("pretrain", *SMALL, "collect.max_idle_s=200", "train.save_every_s=0.01"),
         *("validate.decisions=60", "validate.every=5"),
     ),
+    # It ends as the default does: the map is made again by poses, while processes of
+    # their own play the evaluation, which has to be long enough for them.
+    "explore poses": (
+        *("explore", *SMALL, *EXPLORE, "map.poses=true"),
+        *("maze.episode_length=128", "evaluate.episodes=160"),
+    ),
 }
+#: What is started many times at once: the explorations wait for one pre-training.
+EXPLORE_ANEW = ("explore", *SMALL, *EXPLORE, "maze=maze1", "pretraining.scale=smoke")
+TOUR = ("tour", "scale=smoke")
 TARGETS = (
     *("main SIGKILL", "group SIGKILL", "worker SIGKILL", "engine SIGKILL"),
     *("main SIGTERM", "main SIGINT", "group SIGINT"),
@@ -196,7 +205,8 @@ def prepare(work: Path) -> tuple[Path, dict[str, float]]:
     place, file = Place(work / "whole"), work / "seconds.json"
     networks = place.folder / "pretrain" / "networks.pt"
     seconds = json.loads(file.read_text()) if file.exists() else {}
-    for name in ("pretrain", "explore sync", "explore async"):
+    # The first makes the networks of the others.
+    for name in sorted(RUNS, key=lambda name: name != "pretrain"):
         if name in seconds:
             continue
         folder = place.folder / name.replace(" ", "-")
@@ -417,16 +427,11 @@ def broken_files(folder: Path, *, cut: bool = False) -> list[str]:
 
 
 def run_together(work: Path) -> dict[str, Any]:
-    """Six explorations in the same second in one directory, then 24 tours."""
-    explore = ["explore", *SMALL, *EXPLORE, "maze=maze1", "pretraining.scale=smoke"]
-    tour = ["tour", "scale=smoke"]
-    return {
-        "explores": start_together(work / "explores", [explore] * 6),
-        "tours": start_together(work / "tours", [tour] * 24),
-    }
+    """Six explorations and 24 tours, all at once."""
+    return start_together(work / "together", [EXPLORE_ANEW] * 6 + [TOUR] * 24)
 
 
-def start_together(folder: Path, commands: list[list[str]]) -> dict[str, Any]:
+def start_together(folder: Path, commands: Sequence[Sequence[str]]) -> dict[str, Any]:
     """Start all of them in one directory; how they ended, and what they left."""
     shutil.rmtree(folder, ignore_errors=True)
     place, began = Place(folder), time.monotonic()
@@ -442,12 +447,15 @@ def start_together(folder: Path, commands: list[list[str]]) -> dict[str, Any]:
     wait_until(lambda: not place.left(memory), 10)
     left = place.left(memory)
     place.end()
-    folders = [path for path in (place.run / "runs" / commands[0][0]).glob("*")]
+    recipes = sorted({words[0] for words in commands})
+    folders = {
+        name: len(list((place.run / "runs" / name).iterdir())) for name in recipes
+    }
     return {
         "started": len(started),
         "started_within_s": within,
         "ended_well": sum(one.wait() == 0 for one in started),
-        "folders": len(folders),
+        "folders": folders,
         "hangs": hung,
         "tracebacks": sum(
             "Traceback" in place.said(f"{n}") for n in range(len(started))

@@ -71,10 +71,13 @@ def private_folders() -> Iterator[Path]:
     instances.note_instance = note
     yield folder
     instances.note_instance = note_instance
+    # Engines of a process that a test has killed by SIGKILL wait for the next start.
+    instances.sweep()
     # The last test's engines may still be dying, and a zombie is waited for by whoever
     # took it over.
     _, engines = psutil.wait_procs(_processes_naming(folder), timeout=30)
     engines = [engine for engine in engines if _runs(engine)]
+    commands = [engine.info["cmdline"] for engine in engines]
     for engine in engines:
         engine.kill()
     memory = [path.name for path in Path("/dev/shm").glob("ViZDoom*")]
@@ -82,7 +85,7 @@ def private_folders() -> Iterator[Path]:
     os.environ.update(before)
     tempfile.tempdir = None
     shutil.rmtree(folder, ignore_errors=True)
-    assert not engines, f"the tests must end all engines, got {engines} left"
+    assert not engines, f"the tests must end all engines, got {commands} left"
     left = [name for name in memory if any(name.endswith(end) for end in started)]
     assert not left, f"the tests must leave no shared memory, got {left}"
 

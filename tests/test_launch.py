@@ -1,3 +1,4 @@
+import logging
 import resource
 import subprocess
 import sys
@@ -6,10 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import OmegaConf
 
 from tests.forked import run_forked
 from toponav.config import SettingsError
 from toponav.launch import named_folder, resumed_arguments
+from toponav.launch.folders import log_in_own_folder
 
 RECIPES = Path(__file__).parent.parent / "recipes"
 
@@ -153,3 +157,22 @@ def test_a_process_of_its_own_ends_with_one_sentence(tmp_path: Path) -> None:
         assert errors.endswith(f"{said[line]}\n")
         assert len(errors.splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_the_log_of_a_sweep_is_opened_where_there_is_no_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HydraConfig.instance(), "cfg", None)
+    file = tmp_path / "sweep.log"
+    handler = {"class": "logging.FileHandler", "filename": str(file)}
+    log_in_own_folder(
+        OmegaConf.create(
+            {
+                "version": 1,
+                "handlers": {"file": handler},
+                "root": {"handlers": ["file"]},
+            }
+        )
+    )
+    logging.getLogger().handlers.pop().close()
+    assert file.is_file()

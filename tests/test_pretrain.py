@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 import torch
 
@@ -106,6 +107,44 @@ def test_a_run_that_was_ended_goes_on_to_the_same_end(
             said.read_text().strip().endswith("stopped; resume=<run folder> continues")
         )
         assert "Traceback" not in said.read_text()
+    done = pretrain(f"resume={folder}")
+    assert done.returncode == 0, done.stderr
+    assert rows(folder) == rows(run)
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_ends_the_run_with_a_checkpoint(
+    run: Path, tmp_path: Path
+) -> None:
+    folder, said = tmp_path / "run", tmp_path / "said"
+    words = (*SMOKE, "train.save_every_s=1000", f"hydra.run.dir={folder}")
+    with said.open("wb") as file:
+        process = subprocess.Popen(
+            command(*words), stdout=subprocess.DEVNULL, stderr=file
+        )
+    try:
+        deadline = time.monotonic() + 200
+        # It has collected something, and has more to collect.
+        while b"collect, 256 decisions" not in said.read_bytes():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        for child in psutil.Process(process.pid).children():
+            if any("spawn_main" in word for word in child.cmdline()):
+                child.kill()
+        assert process.wait(100) == 1
+    finally:
+        process.kill()
+        process.wait()
+    entries = said.read_text()
+    assert "Traceback" not in entries
+    assert (
+        entries.strip()
+        .splitlines()[-1]
+        .startswith(
+            "pretrain: the collecting processes must live as long as the run, got: "
+        )
+    )
     done = pretrain(f"resume={folder}")
     assert done.returncode == 0, done.stderr
     assert rows(folder) == rows(run)

@@ -139,10 +139,11 @@ def test_a_process_that_others_overtake_for_too_long_hangs() -> None:
 
 
 def test_a_caller_that_is_busy_does_not_take_a_process_for_one_that_hangs() -> None:
-    batches = collect_batches(Queue([0, 1, 0, 1, 1, 0, 1, 0], 0), max_idle_s=0.1)
+    # A second in all, of which each process could wait for half at most.
+    batches = collect_batches(Queue([0, 1, 0, 1, 1, 0, 1, 0], 0), max_idle_s=0.6)
     for _ in range(8):
         next(batches)
-        time.sleep(0.09)
+        time.sleep(0.25)
 
 
 def assert_no_process_is_left() -> None:

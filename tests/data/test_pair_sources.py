@@ -4,7 +4,7 @@ from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from toponav.data import Chunks, DrawnPairs, LPairs, MinedPairs, TCPairs
-from toponav.data.pair_sources import keep_some
+from toponav.data.pair_rules import keep_some
 from toponav.keys import (
     ACTION,
     ANCHOR,

@@ -44,8 +44,10 @@ def test_anchors_at_a_distance_are_uniform_over_those_with_a_partner() -> None:
 def test_gathered_views_carry_gradients() -> None:
     views = torch.arange(6.0).reshape(2, 3, 1).requires_grad_()
     frames = TensorDict({"embedding": views}, [2, 3])
-    pair = torch.tensor([[0, 4], [5, 0]])
-    pairs = gather_pairs(frames, pair, {"label": torch.tensor([1.0, 0])})
+    numbers = {"pair": torch.tensor([[0, 4], [5, 0]]), "label": torch.tensor([1.0, 0])}
+    pairs = gather_pairs(frames, TensorDict(numbers, [2]))
+    assert pairs["label"].tolist() == [1, 0]
+    assert "pair" not in pairs
     assert pairs["anchor"].flatten().tolist() == [0, 5]
     assert pairs["other"].flatten().tolist() == [4, 0]
     pairs["anchor"].sum().backward()

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
+from torch.nn.functional import embedding
 
 from toponav.data.episodes import Episodes
 from toponav.keys import ACTION, ANCHOR, EMBEDDING, EPISODE, LABEL, OTHER, STEP, WEIGHT
+
+# Numbers of a pair's two frames, while pairs are chosen.
+_PAIR = "pair"
 
 
 @dataclass(frozen=True)
@@ -78,13 +82,18 @@ class TCPairs:
         return _swap_half(torch.cat(place), generator), {LABEL: label}
 
     def mine(
-        self, frames: TensorDictBase, *, generator: torch.Generator | None = None
+        self,
+        frames: TensorDictBase,
+        *,
+        max_pairs: int | None = None,
+        generator: torch.Generator | None = None,
     ) -> TensorDict:
         """All pairs of frames ``[*B]`` with ``embedding``, ``episode`` and ``step``.
 
         ``[P]`` with ``anchor``, ``other``, ``label`` and ``weight``. The weights make
         every positive distance count the same, and positives and negatives half each;
-        they sum to one, unless the batch lacks a kind. The embeddings have gradients.
+        they sum to one, unless the batch lacks a kind. Of each kind at most half of
+        ``max_pairs`` are kept, drawn at random. The embeddings have gradients.
         """
         same, gap = compare_steps(frames)
         gap = gap.abs()
@@ -106,7 +115,13 @@ class TCPairs:
             torch.full((len(across),), 0.5 * share / max(len(across), 1)),
         ]
         label = (torch.arange(len(pair)) < len(positives)).float()
-        return gather_pairs(frames, pair, {LABEL: label, WEIGHT: torch.cat(weights)})
+        numbers = {_PAIR: pair, LABEL: label, WEIGHT: torch.cat(weights)}
+        found = TensorDict(numbers, [len(pair)])
+        if max_pairs is not None:
+            kinds = found.split([len(positives), len(pair) - len(positives)])
+            kept = [keep_some(kind, max_pairs // 2, generator) for kind in kinds]
+            found = torch.cat(kept)
+        return gather_pairs(frames, found)
 
 
 @dataclass(frozen=True)
@@ -150,7 +165,13 @@ class LPairs:
         least = self.min_distance
         return draw_near(episodes, batch_size, k, generator, least=least), {}
 
-    def mine(self, frames: TensorDictBase) -> TensorDict:
+    def mine(
+        self,
+        frames: TensorDictBase,
+        *,
+        max_pairs: int | None = None,
+        generator: torch.Generator | None = None,
+    ) -> TensorDict:
         """As `TCPairs.mine`, with ``action`` for ``label``; distances weigh alike."""
         same, gap = compare_steps(frames)
         near = same & (gap >= self.min_distance) & (gap <= self.max_action_distance)
@@ -160,8 +181,12 @@ class LPairs:
         # One-hot actions have a dimension more.
         is_one_hot = action.ndim > frames.ndim and action.shape[-1] > 1
         action = (action.long().argmax(-1) if is_one_hot else action).flatten()
-        taken = action[pair[:, 0].to(action.device)]
-        return gather_pairs(frames, pair, {ACTION: taken, WEIGHT: weight})
+        taken = action[pair[:, 0].to(action.device)].to(pair.device)
+        numbers = {_PAIR: pair, ACTION: taken, WEIGHT: weight}
+        found: TensorDictBase = TensorDict(numbers, [len(pair)])
+        if max_pairs is not None:
+            found = keep_some(found, max_pairs, generator)
+        return gather_pairs(frames, found)
 
 
 def _swap_half(pair: Tensor, generator: torch.Generator | None) -> Tensor:
@@ -218,15 +243,27 @@ def distance_weights(distance: Tensor, max_distance: int) -> Tensor:
     return 1 / (count[distance] * (count > 0).sum().clamp(min=1)).float()
 
 
-def gather_pairs(
-    frames: TensorDictBase, pair: Tensor, entries: dict[str, Tensor]
-) -> TensorDict:
-    """Embeddings of the pairs ``[P, 2]``, numbers of flattened frames, and entries."""
+def keep_some(
+    pairs: TensorDictBase, limit: int, generator: torch.Generator | None
+) -> TensorDictBase:
+    """At most ``limit`` pairs ``[P]``, drawn at random; the sum of weights is kept."""
+    if len(pairs) <= limit:
+        return pairs
+    weight = pairs.get(WEIGHT)
+    chosen = torch.randperm(len(pairs), generator=generator)[:limit].to(weight.device)
+    kept = pairs[chosen]
+    share = weight.sum() / weight[chosen].sum()
+    return kept.set(WEIGHT, weight[chosen] * share)
+
+
+def gather_pairs(frames: TensorDictBase, numbers: TensorDictBase) -> TensorDict:
+    """Embeddings of the pairs, numbers of flattened frames, and all other entries."""
     views = frames.get(EMBEDDING).flatten(0, frames.ndim - 1)
-    anchor, other = pair.to(views.device).unbind(-1)
-    entries = {ANCHOR: views[anchor], OTHER: views[other], **entries}
-    moved = {key: entry.to(views.device) for key, entry in entries.items()}
-    return TensorDict(moved, [len(pair)])
+    found = {str(key): entry.to(views.device) for key, entry in numbers.items()}
+    anchor, other = found.pop(_PAIR).unbind(-1)
+    # As ``views[anchor]``, whose gradient takes four times as long.
+    found |= {ANCHOR: embedding(anchor, views), OTHER: embedding(other, views)}
+    return TensorDict(found, numbers.batch_size)
 
 
 def draw_near(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -194,14 +194,14 @@ class MinedPairs:
         frames = self.buffer.sample().flatten().to(self.device)
         views = frames.pop(keys.NETWORK_PIXELS)
         frames.set(keys.EMBEDDING, self.embed_tc(views))
-        pairs = self.tc_pairs.mine(frames, generator=self.generator)
-        kinds = (pairs[pairs[keys.LABEL] == label] for label in (1, 0))
-        half, generator = self.max_pairs // 2, self.generator
-        tc_pairs = torch.cat([keep_some(kind, half, generator) for kind in kinds])
+        kept: dict[str, Any] = {
+            "max_pairs": self.max_pairs,
+            "generator": self.generator,
+        }
+        tc_pairs = self.tc_pairs.mine(frames, **kept)
         if self.embed_l is not None:
             frames.set(keys.EMBEDDING, self.embed_l(views))
-        l_pairs = self.l_pairs.mine(frames)
-        return tc_pairs, keep_some(l_pairs, self.max_pairs, generator)
+        return tc_pairs, self.l_pairs.mine(frames, **kept)
 
 
 @dataclass
@@ -235,16 +235,3 @@ class DrawnPairs:
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         tc_pairs, l_pairs = (buffer.sample() for buffer in self.buffers)
         return tc_pairs.to(self.device), l_pairs.to(self.device)
-
-
-def keep_some(
-    pairs: TensorDictBase, limit: int, generator: torch.Generator | None
-) -> TensorDictBase:
-    """At most ``limit`` pairs ``[P]``, drawn at random; the sum of weights is kept."""
-    if len(pairs) <= limit:
-        return pairs
-    weight = pairs.get(keys.WEIGHT)
-    chosen = torch.randperm(len(pairs), generator=generator)[:limit].to(weight.device)
-    kept = pairs[chosen]
-    share = weight.sum() / weight[chosen].sum()
-    return kept.set(keys.WEIGHT, weight[chosen] * share)

@@ -81,7 +81,10 @@ class Beside(Generic[Result]):
                 stderr=subprocess.DEVNULL,
                 env={**os.environ, **quiet},
                 pass_fds=[other.fileno()],
-                start_new_session=True,  # Ctrl-C is for the run, which ends it then
+                # Ctrl-C is for the run, which ends it then. Not a session of its own:
+                # Linux gives every session the same share of a core, whatever the
+                # priorities in it.
+                process_group=0,
             )
         self._future: Future[Result] = Future()
         # Neither this nor the thread knows the object, which may be freed meanwhile.

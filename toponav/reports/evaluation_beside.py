@@ -1,11 +1,13 @@
 """`evaluating`: trained policies are evaluated while the run finishes its map."""
 
+import threading
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 
 import torch
 from tensordict.nn import TensorDictModuleBase
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
 from toponav.builders import World, prepare_process
@@ -23,9 +25,9 @@ Weights = dict[str, dict[str, Tensor]]
 class EvaluationBeside:
     """Episodes of trained policies, those of `evaluate_policies`.
 
-    A process of its own plays them, with copies of all networks as they are now, since
-    evaluating and finishing both draw from torch's global random state. A few are
-    played here, in `result`.
+    For each policy a process of its own plays them, with copies of all networks as they
+    are now, since evaluating and finishing both draw from torch's global random state.
+    A few are played here, in `result`.
     """
 
     def __init__(
@@ -37,50 +39,56 @@ class EvaluationBeside:
     ) -> None:
         self.settings, self.world = settings, world
         self.explorer, self.policies = explorer, policies
-        self.beside: Beside[list[Evaluation]] | None = None
-        self._bar = PlayingBar()
+        self.besides = dict[str, Beside[list[Evaluation]]]()
+        self._bar, self._played = PlayingBar(), Counter[str]()
+        self._shows = threading.Lock()  # each process is heard in a thread
         episodes = len(policies) * settings.evaluate.episodes
         if episodes * world.episode_length < FEW:
             return
-        modules = explorer.modules()
-        weights: list[Weights] = [
-            {
-                name: {key: value.cpu().clone() for key, value in entries.items()}
-                for name, entries in given.items()
-            }
-            for given in (
-                {name: one.state_dict() for name, one in modules.items()},
-                {name: one.state_dict() for name, one in policies.items()},
-            )
-        ]
-        try:
-            self.beside = Beside(
-                _evaluate,
-                settings,
-                world,
-                *weights,
-                heard=self._bar,
-                threads=torch.get_num_threads(),
-            )
-        except BesideError as error:
-            _say(error)
+        modules = {name: _copy(one) for name, one in explorer.modules().items()}
+        for name, policy in policies.items():
+            try:
+                self.besides[name] = Beside(
+                    _evaluate,
+                    settings,
+                    world,
+                    modules,
+                    {name: _copy(policy)},
+                    heard=self._show,
+                    threads=torch.get_num_threads(),
+                )
+            except BesideError as error:
+                _say(name, error)
 
     def result(self) -> list[Evaluation]:
-        """All episodes; waits for the process, and plays what it has not played."""
-        if self.beside is not None:
+        """All episodes; waits for the processes, and plays what they have not."""
+        if not self.besides:
+            return evaluate_policies(
+                self.settings, self.world, self.explorer, self.policies
+            )
+        return [one for name in self.policies for one in self._result_of(name)]
+
+    def _result_of(self, name: str) -> list[Evaluation]:
+        if name in self.besides:
             try:
-                return self.beside.result()
+                return self.besides[name].result()
             except BesideError as error:
                 self._bar.close()
-                _say(error)
-        return evaluate_policies(
-            self.settings, self.world, self.explorer, self.policies
-        )
+                _say(name, error)
+        policies = {name: self.policies[name]}
+        return evaluate_policies(self.settings, self.world, self.explorer, policies)
+
+    def _show(self, name: str, done: int, total: int) -> None:
+        """One line for all of them, each of which plays as many decisions."""
+        names, number = ", ".join(self.policies), len(self.policies)
+        with self._shows:
+            self._played[name] = done
+            self._bar(names, self._played.total(), number * total)
 
     def close(self) -> None:
-        """End the process, if there is one."""
-        if self.beside is not None:
-            self.beside.close()
+        """End the processes, if there are any."""
+        for beside in self.besides.values():
+            beside.close()
         self._bar.close()
 
 
@@ -103,7 +111,7 @@ def _evaluate(
     modules: Weights,
     policies: Weights,
 ) -> list[Evaluation]:
-    """What the process beside the run does."""
+    """What a process beside the run does."""
     prepare_process(threads=None)
     explorer = make_explorer(
         settings,
@@ -118,8 +126,12 @@ def _evaluate(
     return evaluate_policies(settings, world, explorer, made, tell)
 
 
-def _say(error: BesideError) -> None:
+def _copy(module: nn.Module) -> dict[str, Tensor]:
+    return {key: entry.cpu().clone() for key, entry in module.state_dict().items()}
+
+
+def _say(name: str, error: BesideError) -> None:
     tqdm.write(
-        f"the policies must be evaluated beside the run, got: {error}; "
-        "they are evaluated now"
+        f"policy {name} must be evaluated beside the run, got: {error}; "
+        "it is evaluated now"
     )

@@ -76,6 +76,7 @@ class PairTrainer:
             network.parameters(),
             lr=lr(0) if callable(lr) else lr,
             weight_decay=weight_decay,
+            fused=True,
         )
         self.updates = 0
         network.eval()
