@@ -1,12 +1,13 @@
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from tests.exploring import explore_settings, world_of
 from tests.models import WORLD
 from tests.test_conf import settings
-from toponav.builders import load_networks, make_networks, prepare_networks
+from toponav.builders import load_networks, make_networks, prepare_networks, pretraining
 from toponav.builders.networks import save_networks
 from toponav.builders.pretraining import pretraining_folder, pretraining_overrides
 from toponav.config import ExploreConfig, PretrainConfig, SettingsError, TrainingError
@@ -57,6 +58,19 @@ def test_a_pretraining_with_the_same_settings_is_found_again(
     )
     prepare_networks(other, world_of(other), tmp_path / "run", script)
     assert (tmp_path / "noted").read_text() == "maze=maze3\nmaze=maze3\n"
+
+
+def test_one_that_is_found_may_be_in_a_folder_to_read_alone(
+    config: ExploreConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script, world = write_script(tmp_path), world_of(config)
+    prepare_networks(config, world, tmp_path / "run", script)
+    monkeypatch.setattr(pretraining, "_alone_in", Mock(side_effect=OSError("locked")))
+    networks = prepare_networks(config, world, tmp_path / "run", script)
+    assert networks.thresholds == {"reward_threshold": 0.5}
+    other = explore_settings(f"pretraining.folder={tmp_path}/other")
+    with pytest.raises(OSError, match="locked"):
+        prepare_networks(other, world, tmp_path / "run", script)
 
 
 def test_what_exploring_alone_depends_on_does_not_matter() -> None:
