@@ -1,5 +1,6 @@
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -7,7 +8,7 @@ from tests.explored import RING
 from tests.exploring import explore_settings, world_of
 from tests.models import WORLD
 from tests.test_conf import settings
-from toponav.builders import load_networks, make_networks, prepare_networks
+from toponav.builders import load_networks, make_networks, prepare_networks, pretraining
 from toponav.builders.networks import save_networks
 from toponav.builders.pretraining import pretraining_folder, pretraining_overrides
 from toponav.config import ExploreConfig, PretrainConfig, SettingsError, TrainingError
@@ -76,6 +77,19 @@ def test_a_layout_that_was_edited_gets_a_pretraining_of_its_own(
     assert (tmp_path / "noted").read_text() == 2 * "maze=file\n"
     assert folders[0] == folders[1] != folders[2]
     assert [one.name.rpartition("-")[0] for one in folders] == 3 * ["ring-smoke"]
+
+
+def test_one_that_is_found_may_be_in_a_folder_to_read_alone(
+    config: ExploreConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script, world = write_script(tmp_path), world_of(config)
+    prepare_networks(config, world, tmp_path / "run", script)
+    monkeypatch.setattr(pretraining, "_alone_in", Mock(side_effect=OSError("locked")))
+    networks = prepare_networks(config, world, tmp_path / "run", script)
+    assert networks.thresholds == {"reward_threshold": 0.5}
+    other = explore_settings(f"pretraining.folder={tmp_path}/other")
+    with pytest.raises(OSError, match="locked"):
+        prepare_networks(other, world, tmp_path / "run", script)
 
 
 def test_what_exploring_alone_depends_on_does_not_matter() -> None:

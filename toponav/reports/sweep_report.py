@@ -27,8 +27,8 @@ from toponav.runs import (
     Run,
     group_runs,
     read_exploration,
+    read_navigation,
     read_pretraining,
-    read_table,
     swept_settings,
 )
 
@@ -248,10 +248,7 @@ def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     Reference:
         The paper, Tables 8 and 9.
     """
-    columns = ("policy", "goals", "first_goal", "spl")
-    results, left_out = read_all(
-        runs, lambda folder: read_table(folder / "episodes.csv", columns)
-    )
+    results, left_out = read_all(runs, read_navigation)
     swept = swept_settings(runs)
     names = [name for name in swept if name.split(".")[0] not in _SHOWN]
     scores = []
@@ -266,7 +263,6 @@ def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
                 "SPL (%)": 100 * float(table["spl"].mean()),
             }
             scores.append(Scores(settings, str(policy), "goals", values, more))
-    scores = drop_unknown(scores, left_out)
     label = "goals in an episode"
     figure = draw_scores(scores, names, line="subject", label=label, title=title)
     return SweepReport("policy", "episodes", scores, figure, left_out)

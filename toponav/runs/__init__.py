@@ -38,6 +38,7 @@ from toponav.runs.run_folders import (
     group_runs as group_runs,
     has_results as has_results,
     read_exploration as read_exploration,
+    read_navigation as read_navigation,
     read_pretraining as read_pretraining,
     read_table as read_table,
     swept_settings as swept_settings,

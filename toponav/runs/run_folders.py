@@ -232,6 +232,7 @@ def read_pretraining(folder: Path) -> pd.DataFrame:
         found[f"waypoint_share_{at}"] = share
     history = read_table(folder / "metrics.csv")
     if len(found) == 1 and "tc_accuracy_k4_m5" in history:
+        _require_columns(history, ["tc_accuracy_k4_m5"], "metrics.csv")
         found["tc_accuracy_k4_m5"] = history["tc_accuracy_k4_m5"].iloc[-1]
     return found
 
@@ -260,3 +261,17 @@ def read_exploration(folder: Path) -> Exploration:
     evaluation["score"] = percent * evaluation[measure]
     episodes["score"] = percent * episodes[measure]
     return Exploration(evaluation, episodes, measure)
+
+
+def read_navigation(folder: Path) -> pd.DataFrame:
+    """The table ``episodes.csv`` of a finished navigation.
+
+    Raises:
+        BrokenRunError: if it has not finished, a column is missing, or an episode does
+            not say how many goals were reached in it.
+    """
+    columns = ("policy", "goals", "first_goal", "spl")
+    episodes = read_table(folder / "episodes.csv", columns)
+    if not np.isfinite(episodes["goals"]).all():
+        raise BrokenRunError("has episodes without goals")
+    return episodes
