@@ -1,7 +1,7 @@
 """From a storage to training pairs: `EpisodeSampler`, `MinedPairs`, `DrawnPairs`."""
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Protocol
 
 import torch
@@ -171,11 +171,11 @@ class MinedPairs:
     #: Of frames with views, actions, trajectory and step numbers; or such frames
     #: themselves, of any shape.
     storage: Storage | TensorDictBase
-    chunks: Chunks = Chunks()
+    chunks: Chunks = field(default_factory=Chunks)
     num_frames: int = 320  # in a batch, a multiple of C * chunk_len
     _: KW_ONLY
-    tc_pairs: TCPairs = TCPairs()
-    l_pairs: LPairs = LPairs()
+    tc_pairs: TCPairs = field(default_factory=TCPairs)
+    l_pairs: LPairs = field(default_factory=LPairs)
     embed_tc: Embed  # the TC-network's encoder
     embed_l: Embed | None = None  # the L-network's, `None` if both share one
     max_pairs: int = 2048  # of a call for each network, at least 2
@@ -218,8 +218,8 @@ class DrawnPairs:
     storage: Storage | TensorDictBase
     num_pairs: int
     _: KW_ONLY
-    tc_pairs: TCPairs = TCPairs()
-    l_pairs: LPairs = LPairs()
+    tc_pairs: TCPairs = field(default_factory=TCPairs)
+    l_pairs: LPairs = field(default_factory=LPairs)
     in_key: NestedKey = keys.NETWORK_PIXELS
     generator: torch.Generator | None = None
     device: torch.device | str = "cpu"
