@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -50,13 +52,14 @@ def mined(buffer: TensorDictReplayBuffer, **options: object) -> MinedPairs:
     )
 
 
-def drawn(buffer: TensorDictReplayBuffer) -> DrawnPairs:
+def drawn(buffer: TensorDictReplayBuffer, **options: object) -> DrawnPairs:
     return DrawnPairs(
         buffer.storage,
         200,
         tc_pairs=TCPairs(3, 4),
         l_pairs=LPairs(3),
         generator=torch.Generator().manual_seed(0),
+        **options,
     )
 
 
@@ -168,3 +171,34 @@ def test_a_buffer_that_is_too_short_says_so() -> None:
         pairs()
     with pytest.raises(ValueError, match="max_pairs must be at least 2, got 1"):
         mined(buffer, max_pairs=1)
+
+
+@pytest.mark.parametrize("make", [mined, drawn])
+def test_frames_need_no_storage(make) -> None:
+    buffer, data = make_buffer(), frames(range(10))
+    buffer.extend(data)
+    rows = data.reshape(10, LENGTH).set("next", data.reshape(10, LENGTH).clone())
+    given = SimpleNamespace(storage=rows)
+    for first, second in zip(make(buffer)(), make(given)(), strict=True):
+        assert bool((first == second).all())
+
+
+def test_views_may_have_a_key_of_their_own() -> None:
+    data = frames(range(10))
+    other = data.clone().rename_key_(NETWORK_PIXELS, "view")
+    for make in (mined, drawn):
+        usual, own = (
+            make(SimpleNamespace(storage=one), **options)()
+            for one, options in ((data, {}), (other, {"in_key": "view"}))
+        )
+        for first, second in zip(usual, own, strict=True):
+            assert torch.equal(first[ANCHOR], second[ANCHOR])
+            assert torch.equal(first[OTHER], second[OTHER])
+
+
+def test_the_rules_fit_each_other_by_default() -> None:
+    tc_pairs, l_pairs = MinedPairs(frames(range(10)), embed_tc=embed)()
+    gap = (tc_pairs[ANCHOR] - tc_pairs[OTHER])[:, 1].abs()
+    assert gap[tc_pairs[LABEL] == 1].unique().tolist() == [1, 2, 3, 4]
+    assert gap[tc_pairs[LABEL] == 0].min() >= 20
+    assert len(l_pairs)

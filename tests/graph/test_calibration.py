@@ -6,6 +6,7 @@ from toponav.graph import (
     MAP_SHARE,
     REWARD_SHARE,
     WalkWaypoints,
+    calibrate_map,
     calibrate_reach,
     calibrate_share,
 )
@@ -114,3 +115,15 @@ def test_there_must_be_sequences_and_pairs():
 def test_a_network_of_another_kind_is_refused():
     with pytest.raises(TypeError, match="got Linear without prepare_memory, comp"):
         WalkWaypoints(torch.zeros(3, 2), torch.nn.Linear(2, 2))
+
+
+def test_a_map_gets_both_thresholds():
+    sequences = walks()
+    rules = calibrate_map(sequences, max_action_distance=2, window=0)
+    share = calibrate_share(sequences, target_share=MAP_SHARE)
+    assert rules.tc_threshold == share.threshold
+    reach = calibrate_reach(
+        sequences, tc_threshold=share.threshold, max_action_distance=2
+    )
+    assert rules.tc_reach == reach.threshold
+    assert rules.window == 0

@@ -306,6 +306,13 @@ def test_without_the_primer_an_env_is_refused_too() -> None:
         TransformedEnv(CueCorridor(2)).rollout(2, network)
 
 
+def test_it_reads_embeddings_if_their_length_is_given() -> None:
+    assert ActorCritic(num_actions=2, embedding_dim=3).in_keys[0] == "embedding"
+    assert ActorCritic(num_actions=2).in_keys[0] == "policy_pixels"
+    both = ActorCritic(num_actions=2, input="pixels", embedding_dim=3)
+    assert both.in_keys[0] == "policy_pixels"
+
+
 def test_arguments_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match=r"one of \('pixels', 'embedding'\), got 'x'"):
         ActorCritic(num_actions=6, input="x")  # type: ignore[arg-type]

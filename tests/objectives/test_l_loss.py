@@ -167,5 +167,8 @@ def test_what_is_missing_is_named() -> None:
     pairs = make_pairs(16)
     with pytest.raises(KeyError, match="must have 'action', the key of action"):
         make_loss(Head())(pairs.exclude("action"))
-    with pytest.raises(TypeError, match="must be a TensorDictModule, got Head"):
-        LLoss(Head())
+
+
+def test_a_plain_module_reads_the_two_of_a_pair() -> None:
+    network, pairs = Head(), make_pairs(16)
+    assert (LLoss(network)(pairs) == make_loss(network)(pairs)).all()

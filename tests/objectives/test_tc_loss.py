@@ -159,3 +159,12 @@ def test_shapes_that_differ_are_refused() -> None:
     pairs["label"] = pairs["label"].unsqueeze(-1)
     with pytest.raises(ValueError, match=r"logit's shape \[16\], got \[16, 1\]"):
         make_loss(Bilinear())(pairs)
+
+
+def test_a_plain_module_reads_the_two_of_a_pair() -> None:
+    network, pairs = Bilinear(), make_pairs()
+    found, expected = TCLoss(network)(pairs), make_loss(network)(pairs)
+    assert (found == expected).all()
+    assert TCLoss(network).in_keys == ["anchor", "other", "label"]
+    with pytest.raises(TypeError, match="network must be a module, got builtin_funct"):
+        TCLoss(torch.dot)

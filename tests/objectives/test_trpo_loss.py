@@ -10,6 +10,7 @@ from torchrl.collectors import Collector
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import MLP, IndependentNormal, ProbabilisticActor, ValueOperator
 
+from tests.objectives.slices import collected_slice
 from tests.objectives.test_a3c_on_cartpole import make_env, make_networks, mean_return
 from toponav.objectives import TRPOLoss, TrustRegion, conjugate_gradient
 
@@ -299,6 +300,20 @@ def test_its_forward_is_its_parts() -> None:
     values = loss.critic_network(batch.copy())["state_value"]
     expected = 0.5 * (batch["value_target"] - values).square().mean()
     torch.testing.assert_close(out["loss_critic"], expected)
+
+
+def test_a_flat_batch_is_refused() -> None:
+    loss, raw = make_categorical()
+    message = r"must be \[\*B, T\].* got \[120\]: .*reshape\(-1, T"
+    for call in (loss, loss.prepare):
+        with pytest.raises(ValueError, match=message):
+            call(raw.reshape(-1))
+    network, batch = collected_slice()
+    loss = TRPOLoss(network)
+    message = r"must be \[\*B, T\].* got \[18\]"
+    for call in (loss.policy_terms, loss.critic_inputs):
+        with pytest.raises(ValueError, match=message):
+            call(loss.prepare(batch).reshape(-1))
 
 
 def test_a_wrong_number_is_refused() -> None:

@@ -1,13 +1,13 @@
 """From a storage to training pairs: `EpisodeSampler`, `MinedPairs`, `DrawnPairs`."""
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, Protocol
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorDictReplayBuffer
+from torchrl.data import TensorDictReplayBuffer, TensorStorage
 from torchrl.data.replay_buffers import Sampler, Storage
 from torchrl.envs.transforms import Transform
 
@@ -168,15 +168,18 @@ class MinedPairs:
     ``max_pairs`` each are kept, drawn at random.
     """
 
-    storage: Storage  # frames with views, actions, trajectory and step numbers
-    chunks: Chunks
-    num_frames: int  # in a batch, a multiple of C * chunk_len
+    #: Of frames with views, actions, trajectory and step numbers; or such frames
+    #: themselves, of any shape.
+    storage: Storage | TensorDictBase
+    chunks: Chunks = field(default_factory=Chunks)
+    num_frames: int = 320  # in a batch, a multiple of C * chunk_len
     _: KW_ONLY
-    tc_pairs: TCPairs
-    l_pairs: LPairs
+    tc_pairs: TCPairs = field(default_factory=TCPairs)
+    l_pairs: LPairs = field(default_factory=LPairs)
     embed_tc: Embed  # the TC-network's encoder
     embed_l: Embed | None = None  # the L-network's, `None` if both share one
     max_pairs: int = 2048  # of a call for each network, at least 2
+    in_key: NestedKey = keys.NETWORK_PIXELS  # of the views
     generator: torch.Generator | None = None  # torch's own by default
     device: torch.device | str = "cpu"  # where the frames are embedded
 
@@ -184,7 +187,7 @@ class MinedPairs:
         if self.max_pairs < 2:
             raise ValueError(f"max_pairs must be at least 2, got {self.max_pairs}")
         self.buffer = TensorDictReplayBuffer(
-            storage=self.storage,
+            storage=_as_storage(self.storage),
             sampler=EpisodeSampler(self.chunks),
             batch_size=self.num_frames,
             generator=self.generator,
@@ -192,7 +195,7 @@ class MinedPairs:
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         frames = self.buffer.sample().flatten().to(self.device)
-        views = frames.pop(keys.NETWORK_PIXELS)
+        views = frames.pop(self.in_key)
         frames.set(keys.EMBEDDING, self.embed_tc(views))
         kept: dict[str, Any] = {
             "max_pairs": self.max_pairs,
@@ -212,21 +215,23 @@ class DrawnPairs:
     L-network. The other arguments are those of `MinedPairs`.
     """
 
-    storage: Storage
+    storage: Storage | TensorDictBase
     num_pairs: int
     _: KW_ONLY
-    tc_pairs: TCPairs
-    l_pairs: LPairs
+    tc_pairs: TCPairs = field(default_factory=TCPairs)
+    l_pairs: LPairs = field(default_factory=LPairs)
+    in_key: NestedKey = keys.NETWORK_PIXELS
     generator: torch.Generator | None = None
     device: torch.device | str = "cpu"
 
     def __post_init__(self) -> None:
+        storage = _as_storage(self.storage)
         self.buffers = [
             TensorDictReplayBuffer(
-                storage=self.storage,
+                storage=storage,
                 sampler=EpisodeSampler(rule),
                 batch_size=self.num_pairs,
-                transform=SplitPairs(),
+                transform=SplitPairs(self.in_key),
                 generator=self.generator,
             )
             for rule in (self.tc_pairs, self.l_pairs)
@@ -235,3 +240,10 @@ class DrawnPairs:
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         tc_pairs, l_pairs = (buffer.sample() for buffer in self.buffers)
         return tc_pairs.to(self.device), l_pairs.to(self.device)
+
+
+def _as_storage(frames: Storage | TensorDictBase) -> Storage:
+    """A storage of these frames, which are not copied; or what is one already."""
+    if not isinstance(frames, TensorDictBase):
+        return frames
+    return TensorStorage(frames.exclude("next").reshape(-1))

@@ -5,6 +5,7 @@ from toponav.graph.calibration import (
     REWARD_SHARE as REWARD_SHARE,
     Calibration as Calibration,
     WalkWaypoints as WalkWaypoints,
+    calibrate_map as calibrate_map,
     calibrate_reach as calibrate_reach,
     calibrate_share as calibrate_share,
     share_curve as share_curve,

@@ -6,11 +6,13 @@ Nothing here reads ground truth.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from toponav.graph.rules import MapRules
 
 #: Share of the observations that become waypoints of the map: the paper, Table 1, at
 #: k = 4, the mean over 30 random sequences.
@@ -181,3 +183,18 @@ def calibrate_reach(
     threshold = min(max(threshold, floor + margin), tc_threshold - margin)
     achieved = float((similarity > threshold).double().mean())
     return Calibration(threshold, _PASS_RATE, achieved)
+
+
+def calibrate_map(
+    walks: Sequence[WalkWaypoints], *, max_action_distance: int = 4, **rules: Any
+) -> MapRules:
+    """Rules of a map with both thresholds calibrated; more ``rules`` as they are given.
+
+    tc_th by `calibrate_share`, to `MAP_SHARE`, and tc_re by `calibrate_reach`, for
+    views at most k (``max_action_distance``) decisions apart.
+    """
+    threshold = calibrate_share(walks, target_share=MAP_SHARE).threshold
+    reach = calibrate_reach(
+        walks, tc_threshold=threshold, max_action_distance=max_action_distance
+    )
+    return MapRules(tc_threshold=threshold, tc_reach=reach.threshold, **rules)

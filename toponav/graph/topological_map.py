@@ -91,6 +91,8 @@ class TopologicalMap:
         walks: Trajectories | None = None,
         channels: ChannelOrder = "HWC",
     ) -> None:
+        self.embed = embed
+        self.compare = compare
         self.keys = MapKeys()
         self.channels = check_order(channels)
         self.goal_reward = goal_reward

@@ -116,9 +116,10 @@ class ActorCritic(TensorDictModuleBase):
 
     An LSTM reads a trunk's code of the view, the previous action (one-hot, one place
     more for "none") and the previous reward; two linear heads give logits and value.
-    Envs need these transforms, in this order: TorchRL's ``InitTracker``; what writes
-    the view (`PolicyPixels`, or `EmbedViews` or `WaypointMemory`) and the reward;
-    `PreviousAction`; `PreviousReward` of that reward; `make_tensordict_primer`.
+    Envs need what writes the view (`PolicyPixels`, or `EmbedViews` or `WaypointMemory`)
+    and the reward, and after it what `make_policy_inputs` lists: TorchRL's
+    ``InitTracker``, `PreviousAction`, `PreviousReward` of that reward, and
+    `make_tensordict_primer`.
 
     Reference:
         The paper, "Learning model"; sizes of Jaderberg et al., "Reinforcement Learning
@@ -126,7 +127,8 @@ class ActorCritic(TensorDictModuleBase):
 
     Args:
         num_actions: number A of actions, at least 2.
-        input: ``"pixels"`` for a `PixelTrunk`, ``"embedding"`` for an `EmbeddingTrunk`.
+        input: ``"pixels"`` for a `PixelTrunk`, ``"embedding"`` for an `EmbeddingTrunk`;
+            by default the latter if an ``embedding_dim`` is given.
         embedding_dim: length of the embedding, needed for it alone.
         image_size: height and width of the policy's views in pixels.
         channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, 3, H, W]``.
@@ -135,7 +137,7 @@ class ActorCritic(TensorDictModuleBase):
         one_hot: write actions as int64 ``[*B, A]`` instead of ``[*B]``.
 
     Examples:
-        >>> policy = ActorCritic(num_actions=4, input="embedding", embedding_dim=8)
+        >>> policy = ActorCritic(num_actions=4, embedding_dim=8)
         >>> views = {"embedding": torch.zeros(5, 8), "is_init": torch.ones(5, 1).bool()}
         >>> views["previous_action"] = torch.full((5, 1), 4)  # none yet
         >>> views["previous_reward"] = torch.zeros(5, 1)
@@ -153,7 +155,7 @@ class ActorCritic(TensorDictModuleBase):
         self,
         *,
         num_actions: int,
-        input: Input = "pixels",
+        input: Input | None = None,
         embedding_dim: int | None = None,
         image_size: tuple[int, int] = (84, 84),
         channels: ChannelOrder = "HWC",
@@ -163,6 +165,8 @@ class ActorCritic(TensorDictModuleBase):
         one_hot: bool = False,
     ) -> None:
         super().__init__()
+        if input is None:
+            input = "pixels" if embedding_dim is None else "embedding"
         if input not in get_args(Input):
             raise ValueError(f"input must be one of {get_args(Input)}, got {input!r}.")
         if num_actions < 2:

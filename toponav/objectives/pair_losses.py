@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, dispatch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 from torchrl.objectives import LossModule
 
-from toponav.keys import ACTION, LABEL, LOGIT, LOGITS, WEIGHT
+from toponav.keys import ACTION, ANCHOR, LABEL, LOGIT, LOGITS, OTHER, WEIGHT
 from toponav.objectives.actor_critic_loss import action_numbers, read_entry
 
 
@@ -21,11 +21,13 @@ class PairLoss(LossModule):
     _predicted: str
     _wanted: str
 
-    def __init__(self, network: TensorDictModule) -> None:
+    def __init__(self, network: nn.Module) -> None:
         super().__init__()
+        if not isinstance(network, nn.Module):
+            raise TypeError(f"network must be a module, got {type(network).__name__}.")
         if not hasattr(network, "in_keys"):
-            kind = f"a TensorDictModule, got {type(network).__name__}"
-            raise TypeError(f"network must be {kind}.")
+            predicted = getattr(self.tensor_keys, self._predicted)
+            network = TensorDictModule(network, [ANCHOR, OTHER], [predicted])
         self.network = network
         self.reduction = "mean"
 
@@ -58,8 +60,9 @@ class PairLoss(LossModule):
 class TCLoss(PairLoss):
     """Train the TC-network by the (weighted) mean binary cross-entropy ``loss_tc``.
 
-    ``network`` reads the pairs, views or embeddings, and writes the logit, ``[*B]``:
-    the paper, "Temporal correlation network", eq. 5.
+    ``network`` makes the logit, ``[*B]``, of ``anchor`` and ``other``, views or
+    embeddings; a ``TensorDictModule`` may read other keys. The paper, "Temporal
+    correlation network", eq. 5.
 
     Examples:
         >>> import torch
@@ -91,9 +94,9 @@ class TCLoss(PairLoss):
 class LLoss(PairLoss):
     """Train the L-network by the (weighted) mean cross-entropy ``loss_locomotion``.
 
-    ``network`` reads the pairs, views or embeddings; it writes the logits, ``[*B, A]``.
-    Actions are numbers ``[*B]`` or one-hot: the paper, "Navigation implementation",
-    eq. 14.
+    ``network`` makes the logits, ``[*B, A]``, of ``anchor`` and ``other``, views or
+    embeddings; a ``TensorDictModule`` may read other keys. Actions are numbers ``[*B]``
+    or one-hot: the paper, "Navigation implementation", eq. 14.
     """
 
     @dataclass

@@ -25,6 +25,7 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_slices,
     under_next,
 )
 
@@ -148,6 +149,7 @@ class TRPOLoss(GAEMixin, LossModule):
 
         Advantages, ``[*B, T, 1]``, get mean 0 and deviation 1 unless told otherwise.
         """
+        require_slices(batch)
         batch = batch.copy()
         inputs = self._inputs(batch)
         state_value = self._judge(inputs)
@@ -211,6 +213,7 @@ class TRPOLoss(GAEMixin, LossModule):
         if self.actor_critic is None:
             seen = [*self.actor_network.in_keys, *self.critic_network.in_keys]
             return batch.select(*seen)
+        require_slices(batch)
         return TensorDict({_OUTPUT: self.actor_critic.unroll_lstm(batch)}, batch.shape)
 
     def _judge(self, inputs: TensorDictBase) -> Tensor:

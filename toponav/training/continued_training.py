@@ -29,9 +29,10 @@ from toponav.builders import (
 from toponav.config import ExploreConfig
 from toponav.data import EpisodeSampler, LPairs, SplitPairs, find_episodes
 from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
+from toponav.objectives import LLoss
 from toponav.runs import write_history
 from toponav.training.episode_log import mean_of
-from toponav.training.pair_trainer import PairTrainer, make_l_loss, make_pair_trainer
+from toponav.training.pair_trainer import PairTrainer, make_pair_trainer
 from toponav.training.recalibration import Recalibration
 
 # Of the L-network's head alone, and the updates between two rows of its log.
@@ -191,7 +192,7 @@ class LocomotionFinetuner(Consumer):
         head = _on_device(self.settings, self.networks).locomotion.head
         trainer = PairTrainer(
             head,
-            {"l": (make_l_loss(head), 1.0)},
+            {"l": (LLoss(head), 1.0)},
             self._draw_pairs,
             generator=self.generator,
             lr=config.lr,

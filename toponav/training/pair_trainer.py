@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 from torchrl.data.replay_buffers import Storage
@@ -17,7 +16,6 @@ from torchrl.objectives import LossModule
 from toponav.builders import Check, Networks
 from toponav.config import OnlineConfig, PairsConfig, TrainConfig, TrainingError
 from toponav.data import Chunks, DrawnPairs, LPairs, MinedPairs, TCPairs
-from toponav.keys import ANCHOR, LOGIT, LOGITS, OTHER
 from toponav.objectives import LLoss, TCLoss
 from toponav.runs import CHECKPOINT_FILE
 
@@ -41,7 +39,7 @@ class PairTrainer:
         >>> head = LocomotionHead(8, hidden=(16,), num_actions=4)
         >>> trainer = PairTrainer(
         ...     head,
-        ...     {"l": (make_l_loss(head), 1.0)},
+        ...     {"l": (LLoss(head), 1.0)},
         ...     lambda: [TensorDict(anchor=torch.zeros(6, 8), other=torch.ones(6, 8),
         ...         action=torch.zeros(6, dtype=torch.int64), batch_size=[6])],
         ...     generator=torch.Generator(),
@@ -169,21 +167,17 @@ def make_pair_trainer(
     else:
         draw_pairs = DrawnPairs(storage, pairs.per_update, **drawing)
         trained = tc, locomotion
-    tc_loss = TCLoss(TensorDictModule(trained[0], [ANCHOR, OTHER], [LOGIT]))
-    l_loss = make_l_loss(trained[1])
     return PairTrainer(
         networks.modules,
-        {"tc": (tc_loss, 1.0), "l": (l_loss, config.locomotion_coeff)},
+        {
+            "tc": (TCLoss(trained[0]), 1.0),
+            "l": (LLoss(trained[1]), config.locomotion_coeff),
+        },
         draw_pairs,
         generator=generator,
         weight_decay=config.weight_decay,
         **arguments,
     )
-
-
-def make_l_loss(network: nn.Module) -> LLoss:
-    """The loss of an L-network on views, or of its head on embeddings."""
-    return LLoss(TensorDictModule(network, [ANCHOR, OTHER], [LOGITS]))
 
 
 def require_finite(

@@ -21,6 +21,10 @@ from toponav.transforms.privileged import (
     Coverage as Coverage,
     WaypointTruth as WaypointTruth,
 )
+from toponav.transforms.ready_made import (
+    make_novelty_reward as make_novelty_reward,
+    make_policy_inputs as make_policy_inputs,
+)
 from toponav.transforms.smaller_views import (
     AreaDownsample as AreaDownsample,
     PolicyPixels as PolicyPixels,

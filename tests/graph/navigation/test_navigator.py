@@ -25,9 +25,10 @@ from tests.graph.grid_world import (
     as_view,
     compare,
     embed,
+    locomotion,
     make_navigator,
 )
-from toponav.graph import MapRules, TopologicalMap
+from toponav.graph import MapRules, Navigator, NavigatorRules, TopologicalMap
 from toponav.keys import (
     ACTION,
     CUT_FROM,
@@ -500,6 +501,27 @@ def test_it_walks_over_a_map_of_what_a_rollout_saw():
     assert maps[0].num_waypoints == len(GridMap(RING).cells) - 1
     walked = walk(GridWorld(), make_navigator(maps[0]), 3 * SHORT)
     assert goals(walked) == 3
+
+
+def test_it_sees_with_its_map_s_networks():
+    env = as_task(GridWorld(batch_size=[4], episode_length=300))
+    torch.manual_seed(0)
+    rules = MapRules(
+        tc_threshold=0.9, tc_reach=0.4, edges="time", window=0, search_window=0
+    )
+    known = TopologicalMap(embed, compare, rules, goal_reward=10.0)
+    known.set_keys(views=PIXELS)
+    for episode in env.rollout(300):
+        known.add_episode(episode)
+    over = Navigator.over(known, locomotion, goal_reward=10.0, one_hot=True)
+    assert over.rules == NavigatorRules(tc_reach=0.4)
+    assert (over.goal_reward, over.one_hot) == (10.0, True)
+    rules = NavigatorRules(tc_reach=0.4, temperature=0.0)
+    over = Navigator.over(known, locomotion, goal_reward=10.0, rules=rules)
+    plain = Navigator(known, embed, compare, locomotion, rules, goal_reward=10.0)
+    walks = [walk(GridWorld(), one, 3 * SHORT) for one in (over, plain)]
+    assert torch.equal(walks[0][ACTION], walks[1][ACTION])
+    assert goals(walks[0]) > 0
 
 
 @pytest.mark.parametrize("shape", [(), (2,), (2, 3)])

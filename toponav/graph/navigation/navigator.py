@@ -1,6 +1,7 @@
 """`Navigator`: a policy that walks to goal views over a topological map."""
 
 from collections.abc import Callable, Sequence
+from typing import Any, Protocol, Self
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -14,13 +15,23 @@ from toponav.graph.navigation.localiser import Localiser, Map
 from toponav.graph.navigation.plans import Planner, Plans
 from toponav.graph.navigation.progress import EdgeProgress, Progress
 from toponav.graph.navigation.sampler import ActionSampler
-from toponav.graph.rules import NavigatorRules
+from toponav.graph.rules import MapRules, NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
 
 #: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
 Locomotion = Callable[[Tensor, Tensor], Tensor]
 _DECIDED = [keys.PLACE, keys.TARGET, keys.GOAL_NODE, keys.PATH_COST]
 _DECIDED += [keys.NUM_CUTS, keys.CUT_FROM, keys.CUT_TO, keys.LOST]
+
+
+class SeeingMap(Map, Protocol):
+    """A map with the networks that it was made by, such as `TopologicalMap`."""
+
+    embed: Embed
+    compare: Compare
+
+    @property
+    def rules(self) -> MapRules: ...
 
 
 class Navigator(TensorDictModuleBase):
@@ -107,6 +118,22 @@ class Navigator(TensorDictModuleBase):
         self.localiser = Localiser(map, compare, rules)
         # Number of agents and version of the map that the state is for.
         self._made_for: tuple[int, int] | None = None
+
+    @classmethod
+    def over(
+        cls,
+        map: SeeingMap,
+        locomotion: Locomotion,
+        *,
+        rules: NavigatorRules | None = None,
+        **options: Any,
+    ) -> Self:
+        """One that sees with a map's own networks, by default by its ``tc_reach``.
+
+        ``options`` are other arguments of the class.
+        """
+        rules = rules or NavigatorRules(tc_reach=map.rules.tc_reach)
+        return cls(map, map.embed, map.compare, locomotion, rules, **options)
 
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
         rules, known = self.rules, self.map
