@@ -26,6 +26,7 @@ from toponav.runs.run_folders import (
     find_runs as find_runs,
     group_runs as group_runs,
     read_exploration as read_exploration,
+    read_navigation as read_navigation,
     read_pretraining as read_pretraining,
     read_table as read_table,
     swept_settings as swept_settings,

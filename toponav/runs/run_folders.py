@@ -186,6 +186,16 @@ def read_pretraining(folder: Path) -> pd.DataFrame:
     return found
 
 
+def read_navigation(folder: Path) -> pd.DataFrame:
+    """The episodes of a finished navigation, a row for each of each policy.
+
+    Raises:
+        BrokenRunError: if it has not finished, or a column is missing.
+    """
+    columns = ("policy", "episode", "goals", "reward", "first_goal")
+    return read_table(folder / "episodes.csv", columns)
+
+
 def read_exploration(folder: Path) -> Exploration:
     """The tables of a finished exploration.
 
