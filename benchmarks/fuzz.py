@@ -7,7 +7,9 @@ Every case is made from its own number, so that one that fails can be run alone
 damaged maps, networks, checkpoints and run folders. Each runs in a child process with
 a limit of time and memory, up to where engines would start, and ends in one of these:
 
-* ``refused``: one sentence, and no run folder is left;
+* ``refused``: one sentence, and no run folder is left; of a sweep (``-m``) with several
+  jobs, which go on after one that is refused, one sentence each and a last line that
+  says so;
 * ``accepted``: it is valid, or what is damaged in it does not count;
 * ``traceback``: anything else was printed, or a wrong type of error came out;
 * ``hang``: it took longer than the limit;
@@ -22,8 +24,10 @@ import contextlib
 import importlib
 import io
 import json
+import multiprocessing.util
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -560,15 +564,25 @@ def outcome(case: Case, work: Path) -> tuple[str, str]:
         return "changed", text
     if code in (0, _ACCEPTED):
         return "accepted", text
-    if (
-        len(text.splitlines()) != 1
-        or "Traceback" in text
-        or code not in (1, 2, _RAISED)
-    ):
+    if not is_refusal(text) or code not in (1, 2, _RAISED):
         return "traceback", f"[{code}] {text[-1500:]}"
     if case.folder is not None and case.folder.exists():
         return "litter", text
     return "refused", text
+
+
+def is_refusal(text: str) -> bool:
+    r"""Whether one sentence was printed, or those of a sweep with several jobs.
+
+    Examples:
+        >>> is_refusal("tour: seed must be 0"), is_refusal("one\ntwo")
+        (True, False)
+    """
+    lines = text.splitlines()
+    if len(lines) > 2 and lines[-1].endswith(": not all jobs of the sweep succeeded"):
+        # Each ends with the job's settings.
+        return all(re.match(r"\w+: .*\(.*\)$", line) for line in lines[:-1])
+    return len(lines) == 1 and "Traceback" not in text
 
 
 def run_child(case: Case, said: Path, work: Path) -> None:
@@ -595,6 +609,8 @@ def run_child(case: Case, said: Path, work: Path) -> None:
         traceback.print_exc()
         code = 99
     sys.stderr.flush()
+    # A recipe's own process ends with this: named semaphores are removed.
+    multiprocessing.util._exit_function()
     os._exit(code)
 
 

@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import time
@@ -48,6 +49,9 @@ def run(maze: str, seed: int, work: Path, overrides: list[str]) -> dict[str, Any
     folder, kept = work / f"{maze}-{seed}", work / f"{maze}-{seed}.json"
     if kept.is_file():
         return json.loads(kept.read_text())
+    # What one that was cut off has left would be found again, or refused.
+    for one in ("", "-pretrain", "-random"):
+        shutil.rmtree(f"{folder}{one}", ignore_errors=True)
     words = [f"maze={maze}", "reward.alpha=0.2", f"seed={seed}"]
     words += [f"pretraining.seed={seed}", *overrides]
     paths = [f"pretraining.folder={folder}-pretrain", f"hydra.run.dir={folder}"]

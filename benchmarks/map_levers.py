@@ -32,7 +32,7 @@ from toponav.builders import (
     make_map,
 )
 from toponav.config import ExploreConfig, MapConfig
-from toponav.graph import PoseRules, consolidate
+from toponav.graph import MoveRules, PoseRules, consolidate
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.keys import ACTION, EMBEDDING, ENV_ID, HEADING, POSITION
 from toponav.methods import LEARNERS, make_reward, make_world
@@ -59,6 +59,14 @@ LEVERS: dict[str, dict[str, Any]] = {
     "all": {**TURNS, **SURE, **LOWER},
     "poses": {"poses": True},
 }
+#: Which moves become edges of a map by poses: other rows of the table.
+MOVES: dict[str, MoveRules] = {
+    "poses, all moves": MoveRules(often=1),
+    "poses, shorter ways": MoveRules(detour=1.0, beyond=1.0),
+    "poses, moves three times": MoveRules(often=3),
+    "poses, longer ways": MoveRules(detour=2.5, beyond=6.0),
+}
+LEVERS |= dict.fromkeys(MOVES, LEVERS["poses"])
 ENVS, ROLLOUT = 8, 120
 MEASURED: tuple[str, ...] = (
     *("waypoints", "edges", "coverage", "false_edges", "missing_edges", "false_paths"),
@@ -148,7 +156,11 @@ def batches(walks: TensorDictBase) -> list[TensorDictBase]:
 
 
 def grow(
-    config: MapConfig, walks: TensorDictBase, world: World, networks: Networks
+    config: MapConfig,
+    walks: TensorDictBase,
+    world: World,
+    networks: Networks,
+    move_rules: MoveRules | None = None,
 ) -> list[float]:
     """The numbers of one row, from ``views`` on."""
     effects = action_effects(world.spec) if config.poses else None
@@ -176,6 +188,7 @@ def grow(
             PoseRules(above=topological_map.rules.tc_threshold),
             within=config.poses_within,
             above=config.poses_above,
+            move_rules=move_rules,
         ).kept
         spent += time.process_time() - start
         poses.keep(kept)
@@ -219,8 +232,10 @@ def main() -> None:
             walks.memmap(options.walks)
     rows = []
     for lever in options.levers:
-        config = replace(settings.map, **LEVERS[lever])
-        numbers = grow(config, walks[: options.episodes], world, networks)
+        # A map by poses is one of the levers here.
+        config = replace(settings.map, **{"poses": False, **LEVERS[lever]})
+        played = walks[: options.episodes]
+        numbers = grow(config, played, world, networks, MOVES.get(lever))
         rows.append([lever, *(round(float(value), 4) for value in numbers)])
         print(dict(zip(COLUMNS, rows[-1], strict=True)), flush=True)
     if options.out:

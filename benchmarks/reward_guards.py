@@ -1,6 +1,7 @@
 """How each guard of the reward's memory changes what scripted policies are paid.
 
-    python benchmarks/reward_guards.py --networks runs/pretrain/maze3-... --out x.csv
+    python benchmarks/reward_guards.py --networks runs/pretrain/select-... \
+        --out x.csv maze=select
 
 Four scripted policies play the same episodes of 1800 decisions: an expert that visits
 every cell and then wanders, a sticky and a uniformly random walk, and a *dither* that
@@ -168,15 +169,15 @@ def guarded(config: RewardConfig, changes: dict[str, object]) -> RewardConfig:
 def main() -> None:
     """Measure, print the table, keep it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("maze", nargs="+", help="settings of the maze")
     parser.add_argument("--networks", required=True)
-    parser.add_argument("--maze", default="maze3")
     parser.add_argument("--episodes", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
     networks = load_networks(options.networks)
-    settings = make_settings(f"maze={options.maze}", seed=options.seed)
+    settings = make_settings(*options.maze, seed=options.seed)
     settings = settings.resolved(networks.model)
     world = make_world(settings)
     recorded = {
@@ -195,7 +196,7 @@ def main() -> None:
             coverage = float(seen[-1][COVERAGE].mean())
             rows.append(
                 [
-                    *(options.maze, word, round(threshold, 3), guard, name),
+                    *(world.name, word, round(threshold, 3), guard, name),
                     *(options.episodes, round(coverage, 3)),
                     *(round(value, 2) for value in found),
                     round(found[0] / returns["expert"], 3),

@@ -44,6 +44,8 @@ PLAN += ("########.", ".........")
 class PointTask(EnvBase):
     """A batch of points that move by numbered actions; 1 at the goal, which is the end.
 
+    What is observed is the state within `low` and `high`, from -1 to 1.
+
     Args:
         num_envs: number E of them.
         num_actions: number of actions.
@@ -52,6 +54,8 @@ class PointTask(EnvBase):
     """
 
     num_places: int
+    low: tuple[float, float]
+    high: tuple[float, float]
 
     def __init__(self, num_envs: int, num_actions: int, longest: int, seed: int):
         super().__init__(batch_size=[num_envs])
@@ -60,6 +64,7 @@ class PointTask(EnvBase):
         shape = (num_envs, 1)
         self.observation_spec = Composite(
             observation=Unbounded((num_envs, 2)),
+            state=Unbounded((num_envs, 2)),
             place=Unbounded(shape, dtype=torch.int64),
             age=Unbounded(shape, dtype=torch.int64),
             shape=[num_envs],
@@ -83,8 +88,10 @@ class PointTask(EnvBase):
         raise NotImplementedError
 
     def _entries(self, state: Tensor, age: Tensor) -> dict[str, Tensor]:
+        low, high = torch.tensor(self.low), torch.tensor(self.high)
+        seen = 2 * (state - low) / (high - low) - 1
         place = self.place(state).unsqueeze(-1)
-        return {"observation": state, "place": place, "age": age}
+        return {"observation": seen, "state": state, "place": place, "age": age}
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object):
         # TorchRL keeps what goes on.
@@ -94,7 +101,7 @@ class PointTask(EnvBase):
         return TensorDict({**entries, **flags}, self.batch_size)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        state, there = self.move(tensordict["observation"], tensordict["action"])
+        state, there = self.move(tensordict["state"], tensordict["action"])
         age, there = tensordict["age"] + 1, there.unsqueeze(-1)
         late = age >= self.longest
         flags = {"done": there | late, "terminated": there, "truncated": late & ~there}
@@ -109,6 +116,7 @@ class MountainCar(PointTask):
     """Gymnasium's car in a valley, by its equations: position and speed."""
 
     num_places = 144
+    low, high = (-1.2, -0.07), (0.6, 0.07)
 
     def __init__(self, num_envs: int, seed: int) -> None:
         super().__init__(num_envs, 3, 500, seed)
@@ -127,8 +135,9 @@ class MountainCar(PointTask):
         return torch.stack([position, speed], -1), position >= 0.5
 
     def place(self, state: Tensor) -> Tensor:
-        low, size = torch.tensor([-1.2, -0.07]), torch.tensor([1.8, 0.14])
-        row, column = (12 * (state - low) / size).long().clamp(0, 11).unbind(-1)
+        low, high = torch.tensor(self.low), torch.tensor(self.high)
+        part = (state - low) / (high - low)
+        row, column = (12 * part).long().clamp(0, 11).unbind(-1)
         return 12 * row + column
 
 
@@ -136,6 +145,7 @@ class PointMaze(PointTask):
     """A snake of cells; a decision moves by half a cell, unless a wall is there."""
 
     num_places = sum(line.count(".") for line in PLAN)
+    low, high = (0.0, 0.0), (float(len(PLAN)), float(len(PLAN[0])))
 
     def __init__(self, num_envs: int, seed: int) -> None:
         self.is_open = torch.tensor([[sign == "." for sign in line] for line in PLAN])

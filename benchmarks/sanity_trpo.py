@@ -1,4 +1,4 @@
-"""TRPO beside sb3-contrib's, on CartPole and the swing-up of a pendulum.
+"""TRPO beside sb3-contrib's: CartPole, the swing-up of a pendulum, and no reward.
 
     PYTHONPATH=. python benchmarks/sanity_trpo.py --out results/sanity_trpo.csv
 
@@ -6,24 +6,35 @@ It needs ``pip install sb3-contrib`` (without: ``--learners ours``). Both learn 
 same numbers: batches of 2,048 decisions of 16 environments, networks of 64 and 64 tanh
 units, a bound of 0.01 nats, 10 iterations of conjugate gradients with a damping of 0.1,
 a critic fitted by Adam at 0.001 in 10 passes of minibatches of 128. The pendulum's
-torque is continuous. A row is a batch: the mean return of episodes that ended.
+torque is continuous. A row is a batch: the mean return of episodes that ended, or, if
+nothing is paid, their mean length: random play lasts 22 decisions. ``ours, other
+critic`` is ours with a critic that begins with weights as sb3-contrib's, not at 0.
 """
 
 import argparse
-import csv
 import importlib
-import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import product
 from pathlib import Path
 
+import gymnasium
 import torch
+from gymnasium.wrappers import TransformReward
+from sanity_curves import CurveTable
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torch.distributions import Categorical
 from torchrl.collectors import Collector
-from torchrl.envs import EnvBase, GymEnv, RewardSum, SerialEnv, TransformedEnv
+from torchrl.envs import (
+    EnvBase,
+    GymWrapper,
+    RewardSum,
+    SerialEnv,
+    StepCounter,
+    TransformedEnv,
+)
 from torchrl.modules import MLP, IndependentNormal, ProbabilisticActor, ValueOperator
 
 from toponav.modules import start_orthogonal
@@ -33,8 +44,15 @@ NUM_ENVS, ROLLOUT, ITERATIONS, DAMPING = 16, 128, 10, 0.1
 #: Of each task: its id, decisions, and the discount.
 TASKS = {"cartpole": ("CartPole-v1", 40_960, 0.99)}
 TASKS["pendulum"] = ("Pendulum-v1", 122_880, 0.9)
+TASKS["unpaid"] = ("CartPole-v1", 40_960, 0.99)
 #: Decisions, mean return of the episodes that ended, and how many these were.
-Row = tuple[int, float, int]
+Row = tuple[int, str, int]
+
+
+def make_gym(task: str) -> gymnasium.Env:
+    """The environment of a task."""
+    env = gymnasium.make(TASKS[task][0])
+    return TransformReward(env, lambda reward: 0.0) if task == "unpaid" else env
 
 
 class GaussianHead(nn.Module):
@@ -51,14 +69,16 @@ class GaussianHead(nn.Module):
         return mean, self.log_deviation.exp().expand_as(mean)
 
 
-def make_mlp(num_inputs: int, num_outputs: int, cells: list[int]) -> MLP:
-    """A network of tanh units that begins near zero."""
+def make_mlp(
+    num_inputs: int, num_outputs: int, cells: list[int], *, gain: float = 0.01
+) -> MLP:
+    """A network of tanh units; ``gain`` is that of the last layer's first weights."""
     network = MLP(num_inputs, num_outputs, num_cells=cells, activation_class=nn.Tanh)
     for layer in network:
         if isinstance(layer, nn.Linear):
             start_orthogonal(layer)
     with torch.no_grad():
-        network[-1].weight *= 0.01
+        network[-1].weight *= gain
     return network
 
 
@@ -93,6 +113,8 @@ class Agent:
         reward: key of the reward that it learns from.
         cells: widths of the hidden layers of policy and critic.
         minibatch: decisions of a step of the critic.
+        lmbda: of the advantages.
+        critic_gain: gain of the critic's last layer's first weights.
     """
 
     def __init__(
@@ -103,13 +125,17 @@ class Agent:
         reward: str = "reward",
         cells: tuple[int, ...] = (64, 64),
         minibatch: int = 128,
+        lmbda: float = 0.95,
+        critic_gain: float = 0.0,
     ) -> None:
         size = env.observation_spec["observation"].shape[-1]
         self.minibatch = minibatch
         self.policy = make_actor(size, env, list(cells))
-        critic = ValueOperator(make_mlp(size, 1, list(cells)), ["observation"])
+        # As that of `TRPOLearner` it begins at 0, so that no reward moves no policy.
+        judge = make_mlp(size, 1, list(cells), gain=critic_gain)
+        critic = ValueOperator(judge, ["observation"])
         self.loss = TRPOLoss(self.policy, critic)
-        self.loss.make_value_estimator(gamma=gamma, lmbda=0.95)
+        self.loss.make_value_estimator(gamma=gamma, lmbda=lmbda)
         self.loss.set_keys(reward=reward)
         parameters = self.loss.policy_parameters()
         self.region = TrustRegion(parameters, iterations=ITERATIONS, damping=DAMPING)
@@ -132,29 +158,36 @@ class Agent:
                 self.optimizer.step()
 
 
-def learn_ours(task: str, seed: int) -> Iterator[Row]:
+def learn_ours(task: str, seed: int, critic_gain: float = 0.0) -> Iterator[Row]:
     """`TRPOLoss` and `TrustRegion`."""
-    name, decisions, gamma = TASKS[task]
+    _, decisions, gamma = TASKS[task]
     torch.manual_seed(seed)
     arguments = {} if task == "pendulum" else {"categorical_action_encoding": True}
-    env = SerialEnv(NUM_ENVS, lambda: GymEnv(name, **arguments))
-    env = TransformedEnv(env, RewardSum())
+    env = SerialEnv(NUM_ENVS, lambda: GymWrapper(make_gym(task), **arguments))
+    env = TransformedEnv(env, RewardSum()).append_transform(StepCounter())
     env.set_seed(seed)
-    agent = Agent(env, gamma=gamma)
+    agent = Agent(env, gamma=gamma, critic_gain=critic_gain)
     size = NUM_ENVS * ROLLOUT
     collector = Collector(
         env, agent.policy, frames_per_batch=size, total_frames=decisions
     )
+    score = "step_count" if task == "unpaid" else "episode_reward"
     for number, batch in enumerate(collector, start=1):
         agent.update(batch)
-        ended = batch["next", "episode_reward"][batch["next", "done"]]
-        yield number * size, float(ended.mean()), len(ended)
+        ended = batch["next", score][batch["next", "done"]].float()
+        yield number * size, show_mean(float(ended.sum()), len(ended)), len(ended)
     collector.shutdown()
+
+
+def show_mean(total: float, number: int) -> str:
+    """The mean, or nothing if there is none."""
+    return f"{total / number:.2f}" if number else ""
 
 
 def learn_theirs(task: str, seed: int) -> Iterator[Row]:
     """sb3-contrib's TRPO with the same numbers."""
-    name, decisions, gamma = TASKS[task]
+    _, decisions, gamma = TASKS[task]
+    score = "l" if task == "unpaid" else "r"
     sb3, contrib = (
         importlib.import_module(package)
         for package in ("stable_baselines3.common", "sb3_contrib")
@@ -169,18 +202,19 @@ def learn_theirs(task: str, seed: int) -> Iterator[Row]:
 
         def _on_step(self) -> bool:
             infos = self.locals["infos"]
-            self.ended += [info["episode"]["r"] for info in infos if "episode" in info]
+            ended = [info["episode"] for info in infos if "episode" in info]
+            self.ended += [episode[score] for episode in ended]
             return True
 
         def _on_rollout_end(self) -> None:
-            mean = sum(self.ended) / max(len(self.ended), 1)
-            rows.append((self.num_timesteps, mean, len(self.ended)))
+            shown = show_mean(sum(self.ended), len(self.ended))
+            rows.append((self.num_timesteps, shown, len(self.ended)))
             self.ended = []
 
     env_util = importlib.import_module(f"{sb3.__name__}.env_util")
     model = contrib.TRPO(
         "MlpPolicy",
-        env_util.make_vec_env(name, n_envs=NUM_ENVS, seed=seed),
+        env_util.make_vec_env(partial(make_gym, task), n_envs=NUM_ENVS, seed=seed),
         n_steps=ROLLOUT,
         gamma=gamma,
         gae_lambda=0.95,
@@ -197,6 +231,7 @@ def learn_theirs(task: str, seed: int) -> Iterator[Row]:
 LEARNERS: dict[str, Callable[[str, int], Iterator[Row]]] = {
     "ours": learn_ours,
     "sb3-contrib": learn_theirs,
+    "ours, other critic": partial(learn_ours, critic_gain=1.0),
 }
 
 
@@ -205,25 +240,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=TASKS)
-    parser.add_argument("--learners", nargs="+", default=list(LEARNERS))
+    parser.add_argument(
+        "--learners", nargs="+", default=list(LEARNERS), choices=LEARNERS
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     options = parser.parse_args()
     torch.set_num_threads(1)
-    with options.out.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        head = ["task", "seed", "learner", "decisions", "mean_return", "episodes"]
-        table.writerow([*head, "wall_s", "cpu_s"])
-        for task, seed, learner in product(
-            options.tasks, options.seeds, options.learners
-        ):
-            wall, cpu = time.perf_counter(), time.process_time()
-            for decisions, mean, ended in LEARNERS[learner](task, seed):
-                spent = time.perf_counter() - wall, time.process_time() - cpu
-                shown = f"{mean:.2f}" if ended else ""
-                row = [task, seed, learner, decisions, shown, ended]
-                table.writerow([*row, *(f"{one:.1f}" for one in spent)])
-                file.flush()
-            print(*row, *(f"{one:.1f}" for one in spent), flush=True)
+    table = CurveTable(options.out, ("mean_return", "episodes"))
+    for run in product(options.tasks, options.seeds, options.learners):
+        task, seed, learner = run
+        if not table.has(*run):
+            table.add(run, LEARNERS[learner](task, seed))
 
 
 if __name__ == "__main__":

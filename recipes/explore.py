@@ -39,12 +39,13 @@ PRETRAIN = Path(__file__).with_name("pretrain.py")
 @recipe("explore")
 def main(settings: ExploreConfig, folder: Path) -> None:
     """Find networks if they are needed, explore, evaluate."""
+    schedule = reports.explore_schedule(settings, folder)
     builders.prepare_process(threads=settings.threads)
     builders.require_cluster(settings)
 
     # The world, policies that see nothing in it, networks if this reward needs them.
     world, networks = methods.make_world(settings), None
-    schedule = reports.explore_schedule(settings, folder)
+    training.require_explore_room(settings, world, folder)
     baselines = reports.start_baselines(settings, world)
     if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
         schedule.begin(reports.PRETRAIN)
@@ -125,8 +126,10 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     # the last map, the fine-tuning.
     schedule.begin(reports.EVALUATE)
     policies = training.trained_policies(settings, world, learner, consumers)
-    with training.finishing(consumers, folder):
-        learned = reports.evaluate_policies(settings, world, explorer, policies)
+    training.finish(consumers, folder, beside=False)
+    with reports.evaluating(settings, world, explorer, policies) as evaluation:
+        training.finish(consumers, folder, beside=True)
+        learned = evaluation.result()
     if networks is not None:
         builders.save_networks(networks, folder / builders.NETWORKS_FILE)
 
@@ -141,8 +144,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     schedule.end()
     print(reports.summarize_evaluation(world.name, rows))
     print(
-        f"{state.decisions:,} decisions in {state.seconds / 60:.1f} minutes, "
-        f"pre-training not included; written to {folder}"
+        f"{state.decisions:,} decisions in {state.seconds / 60:.1f} minutes of "
+        f"exploring; this command took {schedule.minutes:.1f} minutes from start to "
+        f"end; written to {folder}"
     )
 
 

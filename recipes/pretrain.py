@@ -35,6 +35,7 @@ from toponav.builders import (
     prepare_process,
     save_networks,
     start_networks,
+    taken_meanwhile,
 )
 from toponav.config import PretrainConfig
 from toponav.launch import recipe
@@ -46,11 +47,12 @@ from toponav.reports import (
     write_reports,
     write_walk_map,
 )
-from toponav.runs import make_loggers, stop_requests, write_history
+from toponav.runs import StoppedError, make_loggers, stop_requests, write_history
 from toponav.training import (
     Validation,
     decisions_due,
     make_pretrainer,
+    require_pretrain_room,
     restore_training,
     save_training,
 )
@@ -67,6 +69,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     # Fresh networks, or those of an earlier run, and what trains them.
     world = worlds[0].spec
     networks = start_networks(settings.model, world, settings.init_from, device=device)
+    require_pretrain_room(settings, worlds, networks.modules, folder)
     buffer = make_frame_buffer(settings, world)
     trainer = make_pretrainer(
         settings, networks, buffer.storage, autocast=autocast, folder=folder
@@ -74,9 +77,6 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     history = restore_training(folder, networks, trainer) if settings.resume else []
     started -= history[-1]["seconds"] if history else 0.0
 
-    # Episodes that no training sees, to validate on.
-    held_out = collect_held_out(settings, worlds)
-    validate = Validation(networks, settings, held_out, autocast=autocast)
     loggers = make_loggers(folder, trainer.updates)
     decisions, saved = 0, time.monotonic()
 
@@ -90,11 +90,17 @@ def main(settings: PretrainConfig, folder: Path) -> None:
             with (
                 collect_frames(
                     settings, worlds, needed=trainer.updates < train.updates
-                ) as batches,
+                ) as collected,
                 tqdm(
                     total=train.updates, initial=trainer.updates, unit="update"
                 ) as bar,
             ):
+                # Episodes that no training sees, to validate on, while the first
+                # decisions are collected.
+                with taken_meanwhile(collected, settings.collect.ahead) as batches:
+                    held_out = collect_held_out(settings, worlds, progress=stop.check)
+                validate = Validation(networks, settings, held_out, autocast=autocast)
+
                 while trainer.updates < train.updates and not stop.requested:
                     # Collect the decisions that are due before this update.
                     if decisions < decisions_due(settings, trainer.updates):
@@ -123,7 +129,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                     if is_last or time.monotonic() - saved > train.save_every_s:
                         save_training(folder, networks, trainer, history)
                         saved = time.monotonic()
-        except CollectionError:
+        except (CollectionError, StoppedError):
             save_training(folder, networks, trainer, history)
             if not stop.requested:
                 raise

@@ -29,8 +29,10 @@ from toponav.reports import (
     report_navigation,
     report_pretraining,
 )
-from toponav.runs import find_runs, write_text
+from toponav.runs import find_runs, require_room, write_text
 
+#: Room for tables and figures, in MB.
+_TABLES_MB = 1.0
 REPORTS = {
     "explore": report_exploration,
     "navigate": report_navigation,
@@ -43,6 +45,7 @@ def main(settings: SweepReportConfig, _: Path) -> None:
     """Find the runs, group them, write the table and the figure."""
     folder = Path(settings.folder)
     runs = find_runs(folder)
+    require_room(folder, "folder", _TABLES_MB)
     present = [name for name in REPORTS if any(run.recipe == name for run in runs)]
     texts = []
     for name in present:

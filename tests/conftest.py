@@ -73,7 +73,7 @@ def private_folders() -> Iterator[Path]:
     instances.note_instance = note_instance
     # The last test's engines may still be dying, and a zombie is waited for by whoever
     # took it over.
-    _, engines = psutil.wait_procs(_processes_naming(folder), timeout=5)
+    _, engines = psutil.wait_procs(_processes_naming(folder), timeout=30)
     engines = [engine for engine in engines if _runs(engine)]
     for engine in engines:
         engine.kill()

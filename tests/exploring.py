@@ -1,11 +1,13 @@
 """Settings and batches of an exploration, without an engine."""
 
+from pathlib import Path
+
 import torch
 from tensordict import TensorDict
 
 from tests.test_conf import settings
 from toponav import keys
-from toponav.builders import World
+from toponav.builders import World, make_networks, save_networks
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS, make_world
 
@@ -31,6 +33,15 @@ def make_policy(config: ExploreConfig) -> torch.nn.Module:
 def world_of(config: ExploreConfig) -> World:
     """The maze of the settings; no engine is started."""
     return make_world(config)
+
+
+def save_untrained(path: Path) -> None:
+    """Write networks that were never trained: enough to explore with."""
+    torch.manual_seed(0)
+    config = explore_settings()
+    made = make_networks(config.model, world_of(config).spec)
+    made.thresholds = {"reward_threshold": 0.5, "tc_threshold": 0.9, "tc_reach": 0.7}
+    save_networks(made, path)
 
 
 def make_batch(

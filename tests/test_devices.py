@@ -20,7 +20,12 @@ from tests.stand_in_device import NAME, StandInDevice
 from tests.training.pair_storage import WORLD, make_trainer, make_walks, pair_settings
 from tests.training.test_continued_training import CONFIG
 from tests.training.test_locomotion import SETTINGS, walks
-from toponav.builders import make_networks
+from tests.training.test_map_growth import (
+    learn_quickly,
+    make_pose_growth,
+    through_the_ring,
+)
+from toponav.builders import PLACES_FILE, load_places, make_networks
 from toponav.methods import LEARNERS
 from toponav.training import ContinuedTraining, LocomotionFinetuner
 
@@ -103,9 +108,14 @@ def test_continued_training_hands_weights_over_when_a_version_is_due(
     assert same(training.trainer.network, networks.modules)
 
 
-@pytest.mark.parametrize("loss", ["ppo", "a3c"])
+#: TRPO's loops, each once or twice.
+SHORT_LOOPS = ("rollout=16", "cg_iterations=2", "critic_epochs=1")
+
+
+@pytest.mark.parametrize("loss", ["ppo", "a3c", "trpo"])
 def test_learners_learn_there(device: str, loss: str) -> None:
-    settings = explore_settings(f"device={device}", f"loss={loss}")
+    few = [f"loss.{word}" for word in SHORT_LOOPS] if loss == "trpo" else []
+    settings = explore_settings(f"device={device}", f"loss={loss}", *few)
     learner = LEARNERS[loss](
         settings,
         world_of(settings),
@@ -133,9 +143,23 @@ def test_the_head_of_the_l_network_is_trained_there(
     assert all(str(one.device) == "cpu" for one in after)
 
 
+def test_a_map_by_poses_and_its_places_are_made_there(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learn_quickly(monkeypatch, rounds=1, updates=20)
+    config, growth = make_pose_growth(tmp_path, f"device={device}")
+    for env in range(2):
+        through_the_ring(config, growth, env=env)
+    many = growth.map.num_waypoints
+    growth.finish(tmp_path)
+    number = growth.map.num_waypoints
+    assert 1 < number < many
+    assert load_places(tmp_path / PLACES_FILE, num_places=number, setting="run")
+
+
 @pytest.mark.slow
 def test_recipes_run_there(tmp_path: Path) -> None:
-    """Pre-training, exploring with all that trains, and a resume of it."""
+    """Pre-training, exploring with all that trains, a resume of it, and the default."""
 
     def run(name: str, *overrides: str) -> None:
         done = run_forked(name, *overrides, inside=StandInDevice())
@@ -175,3 +199,17 @@ def test_recipes_run_there(tmp_path: Path) -> None:
         f"hydra.run.dir={folder}",
     )
     run("explore", f"resume={folder}")
+    run(
+        "explore",
+        *small,
+        f"pretrained={networks}",
+        "policy.hidden=16",
+        "map.poses=true",
+        "maze.episode_length=32",
+        "collect.decisions=256",
+        "evaluate.episodes=1",
+        "evaluate.random_episodes=1",
+        f"evaluate.random_folder={tmp_path}/baselines",
+        f"hydra.run.dir={tmp_path}/default",
+    )
+    assert (tmp_path / "default" / "map.zip").is_file()

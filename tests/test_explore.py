@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import re
 import shutil
 import signal
 import subprocess
@@ -15,10 +16,10 @@ import psutil
 import pytest
 import torch
 
-from tests.exploring import explore_settings, make_policy, world_of
+from tests.exploring import explore_settings, make_policy, save_untrained
 from tests.forked import run_forked
 from tests.test_conf import settings
-from toponav.builders import load_networks, make_networks, save_networks
+from toponav.builders import load_networks
 from toponav.config import SettingsError
 from toponav.graph import load_map
 
@@ -76,13 +77,8 @@ def without_times(path: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Networks that were never trained: enough to explore with."""
     path = tmp_path_factory.mktemp("networks") / "networks.pt"
-    torch.manual_seed(0)
-    config = explore_settings()
-    made = make_networks(config.model, world_of(config).spec)
-    made.thresholds = {"reward_threshold": 0.5, "tc_threshold": 0.9, "tc_reach": 0.7}
-    save_networks(made, path)
+    save_untrained(path)
     return path
 
 
@@ -94,7 +90,14 @@ def run(networks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("maze3: best policy covers ")
     assert "; random covers " in done.stdout
-    assert "\n1,024 decisions in " in done.stdout
+    last = done.stdout.splitlines()[-1]
+    found = re.fullmatch(
+        r"1,024 decisions in (.+) minutes of exploring; this command took (.+) minutes "
+        rf"from start to end; written to {folder}",
+        last,
+    )
+    assert found
+    assert float(found[1]) <= float(found[2])
     assert "coverage " in done.stderr
     assert "waypoints " in done.stderr
     return folder
@@ -347,7 +350,15 @@ def test_what_is_wrong_is_said_in_one_sentence(
         ("map.extend_by=none", "map.extend_by must be one of itself, previous"),
         ("map.tc_threshold=high", r"map.tc_threshold must be one of auto or a number"),
         ("map.tc_reach=1.5", r"auto or a number in \[0, 0.999\], got 1.5"),
-        ("map.window=-1", "map.window must be at least 0, got -1"),
+        (
+            "map.window=-1",
+            r"map.window must lie in \[0, 8192\], got -1 \(did you mean 0",
+        ),
+        (
+            "map.surroundings=9000",
+            r"lie in \[0, 8192\], got 9000 \(did you mean 8192\?",
+        ),
+        ("map.search_window=9000", r"map.search_window must lie in \[0, 8192\], got 9"),
         ("map.nearby=0", "map.nearby must be at least 1, got 0"),
         (
             "map.untraversed_edge_cost=0",

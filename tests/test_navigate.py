@@ -168,7 +168,7 @@ def test_pictures_of_a_walk_that_the_map_has_not_seen(run: Path) -> None:
         (
             ["maze=maze1"],
             "navigate: maze must be the one that the run explored, got maze1 (did you "
-            "mean maze=file?)",
+            "mean maze=run?)",
         ),
         (
             ["maze.blocked=[z]"],

@@ -32,6 +32,54 @@ def test_a_run_has_its_folder_to_itself(tmp_path: Path) -> None:
     assert not list(tmp_path.rglob("*.lock"))
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def make_folder(folder: Path, *names: str) -> dict[str, bytes]:
+    """A run folder with these files; what is in it."""
+    (folder / "config").mkdir(parents=True)
+    for name in ("config/overrides.yaml", "config/config.yaml", *names):
+        (folder / name).write_text("[]\n" if "overrides" in name else "{}\n")
+    return files_of(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("result", "hint"),
+    [("checkpoint.pt", " (did you mean resume='{}'?)"), ("walk.gif", "")],
+)
+def test_results_of_another_run_are_left_alone(
+    tmp_path: Path, result: str, hint: str
+) -> None:
+    # The other run's seed is its own, whoever made it.
+    folder = tmp_path / "seed-0"
+    kept = make_folder(folder, result)
+    done = tour(tmp_path, "hydra.run.dir='seed-${seed}'")
+    assert done.returncode == 2
+    assert done.stderr == (
+        "tour: hydra.run.dir must name a folder without results of another run, got "
+        f"'{folder}'{hint.format(folder)}\n"
+    )
+    assert files_of(folder) == kept
+
+
+@pytest.mark.slow
+def test_a_run_is_resumed_by_one_process_at_a_time(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    kept = make_folder(folder, "checkpoint.pt")
+    with alone_in(folder / "config"):
+        words = (f"resume={folder}", "scale=smoke", "collect.decisions=128")
+        done = run_forked("explore", *words, cwd=tmp_path)
+        assert files_of(folder) == kept | {"config/.lock": b""}
+    assert done.returncode == 2
+    assert done.stderr == (
+        "explore: a run must have its folder to itself, got one that another run is "
+        f"writing to: '{folder}'\n"
+    )
+
+
 @pytest.mark.slow
 def test_a_refused_run_leaves_nothing(tmp_path: Path) -> None:
     done = tour(tmp_path, "video=avi")

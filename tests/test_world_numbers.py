@@ -47,7 +47,7 @@ ALLOWED = {
     "toponav/builders/processes.py": "120 letters of a message",
     "toponav/ground_truth/distances.py": "1/128 cell, a weight, not in map units",
     "toponav/interrupts.py": "128 + signal: the exit status",
-    "toponav/launch.py": "128 + signal: the exit status",
+    "toponav/launch/jobs.py": "128 + signal: the exit status",
     "toponav/methods/rewards/ex2.py": "128 pairs of an update",
     "toponav/metrics/tc_report.py": "120 degrees between two headings",
     "toponav/modules/encoders.py": "128 channels",

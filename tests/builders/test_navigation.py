@@ -1,9 +1,13 @@
 import re
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import networkx as nx
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from tests.envs import fake_engine
 from tests.explored import make_run, write_map
@@ -15,11 +19,14 @@ from toponav.builders import (
     GroundTruth,
     load_exploration,
     make_goal_places,
+    make_layout,
     make_navigation_env,
+    navigation,
 )
 from toponav.config import NavigateConfig, SettingsError, run_setting
-from toponav.envs import DEFAULT_ENGINE, ENGINES
-from toponav.keys import GOAL_CELL
+from toponav.envs import DEFAULT_ENGINE, ENGINES, Layout
+from toponav.ground_truth import GroundTruthDistances
+from toponav.keys import GOAL_CELL, HEADING, PIXELS, POSITION
 
 Explored = tuple[AgentKnowledge, GroundTruth]
 
@@ -105,14 +112,98 @@ def test_goals_are_only_where_there_are_pictures(tmp_path):
     assert len(drawn) > 1
 
 
-def test_no_picture_at_all_is_one_sentence(tmp_path, explored):
+def no_pictures(source: str, *explored: object) -> str:
+    config = navigate_settings(None, f"goals.source={source}")
+    with pytest.raises(SettingsError) as error:
+        make_goal_places(config, *explored)
+    return str(error.value)
+
+
+def test_without_a_picture_the_source_that_was_not_tried_is_named(
+    explored, monkeypatch
+):
     knowledge, truth = explored
     # All in the slot, which is no place for a goal.
     poses = truth.poses[16].expand(32, 3)
     far = GroundTruth(poses, truth.layout, truth.distances)
-    config = navigate_settings(None)
-    with pytest.raises(SettingsError, match="of one of 7 places at least, got none"):
-        make_goal_places(config, knowledge, far)
+    said = "goals.source must have a picture of one of 7 places at least, got none from"
+    assert no_pictures("map", knowledge, far) == (
+        f"{said} 'map' (did you mean goals.source=walk?)"
+    )
+    # A walk that gets nowhere, beside a map with pictures and one without.
+    lost = knowledge.map.waypoints.images, poses.numpy()
+    monkeypatch.setattr(navigation, "_walk_for_views", lambda *_: lost)
+    assert no_pictures("walk", knowledge, truth) == (
+        f"{said} 'walk' (did you mean goals.source=map?)"
+    )
+    assert no_pictures("walk", knowledge, far) == (
+        f"{said} 'walk' (did you mean a longer exploration with goals.source=map?)"
+    )
+
+
+LARGE = ("maze=random", "maze.rows=12", "maze.cols=12")
+
+
+class StandInWalk:
+    """A walk from cell to cell of a tree over a maze, four decisions each.
+
+    It stands for engine, walker and rollouts, which take a minute in a large maze. The
+    first two numbers of a view are the cell's row and column.
+    """
+
+    def __init__(self, layout: Layout, cell_size: float) -> None:
+        self.layout, self.cell_size, self.taken = layout, cell_size, 0
+        graph = layout.graph()
+        self.cells = [
+            parent if kind == "reverse" else child
+            for parent, child, kind in nx.dfs_labeled_edges(graph, layout.cells[0])
+            if kind != "nontree"
+            for _ in range(4)
+        ]
+        self.visited = torch.zeros(1, layout.num_cells, dtype=torch.bool)
+
+    def views(self, cells: list[tuple[int, int]]) -> tuple[torch.Tensor, torch.Tensor]:
+        """Pictures, and poses from which they were taken."""
+        view = torch.zeros(len(cells), 24, 36, 3, dtype=torch.uint8)
+        view[:, 0, 0, :2] = torch.tensor(cells, dtype=torch.uint8)
+        centres = [self.layout.centre(cell, self.cell_size) for cell in cells]
+        return view, torch.tensor([(*centre, 90.0) for centre in centres])
+
+    def rollout(self, _env: object, _walker: object, num: int, keep: object) -> object:
+        """The next decisions."""
+        cells = self.cells[self.taken : self.taken + num]
+        self.taken += num
+        view, pose = self.views(cells + [self.cells[-1]] * (num - len(cells)))
+        seen = set(self.cells[: self.taken])
+        self.visited[0] = torch.tensor([cell in seen for cell in self.layout.cells])
+        entries = {PIXELS: view, POSITION: pose[:, :2], HEADING: pose[:, 2:]}
+        return SimpleNamespace(frames=TensorDict(entries, [num]).unsqueeze(0))
+
+
+@pytest.mark.parametrize("source", ["walk", "map"])
+def test_all_places_of_a_large_maze_get_pictures(source, explored, monkeypatch):
+    config = navigate_settings(None, *LARGE, f"goals.source={source}")
+    layout = make_layout(config.maze)
+    world = replace(fake_engine.WORLD, view_size=(24, 36))
+    walk = StandInWalk(layout, cell_size=world.motion.cell_size)
+    assert layout.num_cells > 288
+    # Far more than was once walked, and than any one rollout.
+    assert len(walk.cells) > 2 * 900
+    env = SimpleNamespace(world=world, close=lambda: None)
+    monkeypatch.setattr(navigation, "make_env", lambda *_, **__: env)
+    monkeypatch.setattr(navigation, "FrontierExpert", lambda *_, **__: walk)
+    monkeypatch.setattr(navigation, "collect_rollout", walk.rollout)
+    images, poses = walk.views(list(layout.cells))
+    distances = GroundTruthDistances(
+        torch.as_tensor(layout.open_mask), cell_size=world.motion.cell_size
+    )
+    waypoints = SimpleNamespace(images=images)
+    knowledge = SimpleNamespace(map=SimpleNamespace(waypoints=waypoints))
+    truth = GroundTruth(poses, layout, distances)
+    places = make_goal_places(config, knowledge, truth)
+    assert places.num_without == 0
+    assert places.cells.tolist() == [list(cell) for cell in layout.cells]
+    assert torch.equal(places.views[:, 0, 0, 0, :2].long(), places.cells)
 
 
 def refused(config: NavigateConfig) -> str:
@@ -137,9 +228,13 @@ def test_a_run_that_is_none_is_one_sentence(tmp_path):
 def test_another_maze_is_one_sentence(folder):
     config = navigate_settings(None, f"run={folder}")
     assert refused(config) == (
-        "maze must be the one that the run explored, got maze1 (did you mean "
-        "maze=file?)"
+        "maze must be the one that the run explored, got maze1 (did you mean maze=run?)"
     )
+    # Of the same kind as the run's, which is no advice.
+    other = folder / "other.txt"
+    other.write_text("****\n*  *\n****\n")
+    config = navigate_settings(folder, "maze=file", f"maze.path={other}")
+    assert refused(config).endswith("got other (did you mean maze=run?)")
     config = navigate_settings(folder, "maze.texture_seed=5")
     assert refused(config) == "maze.texture_seed must be 0, as in the run, got 5"
 

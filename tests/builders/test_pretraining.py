@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.explored import RING
 from tests.exploring import explore_settings, world_of
 from tests.models import WORLD
 from tests.test_conf import settings
@@ -25,9 +26,13 @@ with open({noted!r}, "a") as file:
 LEAVE = "shutil.copy({networks!r}, folder / 'networks.pt')"
 
 
+def config_folder(folder: Path) -> str:
+    return f"pretraining.folder={folder}/pretrain"
+
+
 @pytest.fixture
 def config(tmp_path: Path) -> ExploreConfig:
-    found = explore_settings(f"pretraining.folder={tmp_path}/pretrain")
+    found = explore_settings(config_folder(tmp_path))
     networks = make_networks(found.model, WORLD)
     networks.thresholds = {"reward_threshold": 0.5}
     save_networks(networks, tmp_path / "made.pt")
@@ -52,11 +57,25 @@ def test_a_pretraining_with_the_same_settings_is_found_again(
         assert networks.thresholds == {"reward_threshold": 0.5}
     assert (tmp_path / "noted").read_text() == "maze=maze3\n"
     assert load_networks(tmp_path / "run").model == config.model
-    other = explore_settings(
-        f"pretraining.folder={tmp_path}/pretrain", "pretraining.seed=1"
-    )
+    other = explore_settings(config_folder(tmp_path), "pretraining.seed=1")
     prepare_networks(other, world_of(other), tmp_path / "run", script)
     assert (tmp_path / "noted").read_text() == "maze=maze3\nmaze=maze3\n"
+
+
+def test_a_layout_that_was_edited_gets_a_pretraining_of_its_own(
+    config: ExploreConfig, tmp_path: Path
+) -> None:
+    layout, script = tmp_path / "ring.txt", write_script(tmp_path)
+    words = ("maze=file", f"maze.path={layout}", config_folder(tmp_path))
+    folders = []
+    for text in (RING, RING, RING.replace("* *a*", "*  a*")):
+        layout.write_text(text)
+        found = explore_settings(*words)
+        prepare_networks(found, world_of(found), tmp_path / "run", script)
+        folders.append(pretraining_folder(found))
+    assert (tmp_path / "noted").read_text() == 2 * "maze=file\n"
+    assert folders[0] == folders[1] != folders[2]
+    assert [one.name.rpartition("-")[0] for one in folders] == 3 * ["ring-smoke"]
 
 
 def test_what_exploring_alone_depends_on_does_not_matter() -> None:

@@ -185,6 +185,18 @@ def test_trpo_keeps_its_bound_and_its_critic_is_a_head() -> None:
     assert changed == {"critic"}
 
 
+def test_trpo_stays_as_it_is_until_there_is_a_reward() -> None:
+    words = ("loss=trpo", "loss.rollout=32", "loss.critic_minibatches=4")
+    config, learner = explore_settings(*words), make_learner(*words)
+    before = weights(learner).clone()
+    for seed in range(2):
+        batch = make_batch(config, seed=seed)
+        batch["next", INTRINSIC_REWARD].zero_()
+        assert learner.extend(batch)["kl"] == 0
+    assert torch.equal(before, weights(learner))
+    assert learner.extend(make_batch(config))["kl"] > 0
+
+
 def test_trpo_stops_at_a_reward_that_is_not_finite() -> None:
     def check(figures: Mapping[str, float], update: int) -> None:
         if any(value != value for value in figures.values()):

@@ -106,8 +106,21 @@ def test_a_run_that_has_just_begun_shows_the_levels_alone(
     FigureCanvasAgg(figure).draw()
     assert list(lines(figure.axes[0])) == ["uniform random 42%", "sticky random 54%"]
     texts = [[text.get_text() for text in axes.texts] for axes in figure.axes]
-    assert texts == [[], *[["nothing to show"]] * 5]
+    episodes_first = ["no whole episode has ended yet"]
+    assert texts == [[], *[episodes_first] * 2, *[["nothing measured so far"]] * 3]
     assert figure.get_suptitle() == "maze3"
+
+
+def test_a_run_without_a_whole_episode_shows_those_that_run_and_says_so() -> None:
+    metrics = METRICS | {"running_coverage": [0.1, 0.2, 0.3]}
+    figure = draw_training([], metrics, levels={})
+    coverage, paid, *_ = figure.axes
+    assert lines(coverage) == {
+        "running episodes so far": (METRICS["decisions"], [0.1, 0.2, 0.3])
+    }
+    assert [text.get_text() for text in coverage.texts] == []
+    said = [text.get_text() for text in paid.texts]
+    assert said == ["no whole episode has ended yet"]
 
 
 def test_success_curves_rise_where_goals_were_reached():

@@ -14,7 +14,7 @@ import torch
 
 from tests.exploring import explore_settings, world_of
 from toponav.builders import World, make_networks
-from toponav.config import ExploreConfig
+from toponav.config import ExploreConfig, SettingsError
 from toponav.envs.engines.doom import instances
 from toponav.methods import make_reward, make_world
 from toponav.methods.worlds.maze import MazeWorld
@@ -110,11 +110,19 @@ def test_a_damaged_file_is_made_again(
     assert len(plays) == 4
 
 
-def test_where_nothing_can_be_kept_they_are_played_anyway(
+def test_where_nothing_can_be_kept_is_said_before_a_run(
     config: ExploreConfig, plays: list[str], tmp_path: Path
 ) -> None:
     (tmp_path / "kept").write_text("a file, no folder")
-    assert rows_of(config) == rows_of(config) == PLAYED
+    with pytest.raises(SettingsError) as error:
+        start_baselines(config, world_of(config))
+    assert str(error.value) == (
+        "evaluate.random_folder must name a folder that can be written to, got "
+        f"'{tmp_path}/kept' (Not a directory)"
+    )
+    # If that happens later, they are played anyway.
+    for _ in range(2):
+        assert rows_from(Baselines(config, world_of(config))) == PLAYED
     assert len(plays) == 2
 
 
@@ -157,10 +165,10 @@ def test_a_process_that_is_killed_costs_a_sentence(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(baselines, "_FEW", 0)
+    monkeypatch.setattr(baselines, "FEW", 0)
     started = start_baselines(config, world_of(config))
-    assert started.process is not None
-    started.process.kill()
+    assert started.beside is not None
+    started.beside.process.kill()
     assert rows_from(started) == PLAYED
     assert plays == ["maze3"]
     said = capsys.readouterr().out.strip().splitlines()[-1]
@@ -169,19 +177,19 @@ def test_a_process_that_is_killed_costs_a_sentence(
         "they are played now"
     )
     # What is there needs no process.
-    assert start_baselines(config, world_of(config)).process is None
+    assert start_baselines(config, world_of(config)).beside is None
 
 
 def test_a_world_without_ground_truth_is_played_with_its_reward(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(baselines, "_FEW", 0)
+    monkeypatch.setattr(baselines, "FEW", 0)
     config = explore_settings(
         "world=gym", "world.id=tests.foreign_world:ForeignWorld-v0", "reward=random"
     )
     world = world_of(config)
     started = start_baselines(config, world)
-    assert started.process is None
+    assert started.beside is None
     assert started.levels() == {}
     reward = make_reward(config, world, None)
     learner = make_learner(config, world, reward, ExplorationState(), tmp_path)
@@ -219,15 +227,15 @@ def test_they_are_what_they_would_be_with_views_and_reward(
 def test_a_process_of_the_lowest_priority_plays_the_same(
     config: ExploreConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(baselines, "_FEW", 0)
+    monkeypatch.setattr(baselines, "FEW", 0)
     here = rows_of(config)
     file = baselines.baselines_file(config, world_of(config))
     file.unlink()
     threads = torch.get_num_threads()
     started = start_baselines(config, world_of(config))
-    assert started.process is not None
+    assert started.beside is not None
     deadline = time.monotonic() + 60
-    while os.getpriority(os.PRIO_PROCESS, started.process.pid) != 19:
+    while os.getpriority(os.PRIO_PROCESS, started.beside.process.pid) != 19:
         assert time.monotonic() < deadline
         time.sleep(0.01)
     monkeypatch.setattr(baselines, "play_baselines", None)  # not here, then
@@ -245,7 +253,7 @@ def test_the_reason_of_one_that_fails_is_said(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(baselines, "_FEW", 0)
+    monkeypatch.setattr(baselines, "FEW", 0)
     world = make_world(config)
     assert isinstance(world, MazeWorld)
     world.engine = "none"
@@ -262,7 +270,7 @@ from toponav.reports import start_baselines
 words = ["maze.episode_length=100000", "evaluate.random_folder=" + sys.argv[1]]
 config = explore_settings(*words)
 started = start_baselines(config, world_of(config))
-print(started.process.pid, flush=True)
+print(started.beside.process.pid, flush=True)
 time.sleep(600)
 """
 
@@ -297,10 +305,12 @@ def test_it_ends_with_a_run_that_is_killed(tmp_path: Path) -> None:
     assert not left
 
 
-def test_close_ends_it(config: ExploreConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(baselines, "_FEW", 0)
+def test_it_ends_when_nobody_wants_it_any_more(
+    config: ExploreConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(baselines, "FEW", 0)
     started: Baselines = start_baselines(config, world_of(config))
-    process = started.process
-    assert process is not None
-    started.close()
+    assert started.beside is not None
+    process = started.beside.process
+    del started
     assert process.returncode is not None

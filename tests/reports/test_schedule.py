@@ -41,6 +41,7 @@ def test_a_machine_that_took_twice_as_long_will_go_on_so(
     assert schedule.left(1 / 3) == "6.4 minutes"
     schedule.begin("three")
     schedule.end()
+    assert schedule.minutes == 4
     with (tmp_path / "phases.csv").open() as file:
         rows = [list(row.values()) for row in csv.DictReader(file)]
     assert rows == [["one", "120", "120"], ["two", "240", "120"], ["three", "240", "0"]]

@@ -1,3 +1,4 @@
+import errno
 import threading
 from pathlib import Path
 
@@ -30,6 +31,13 @@ def test_an_error_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
         run_out_of_space()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_fails_while_it_is_written_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    reason = "No space left on device"
+    with pytest.raises(OSError, match=f"{reason}: '{path}'"), replacing(path):
+        raise OSError(errno.ENOSPC, reason)
 
 
 def test_a_reader_never_finds_half_a_file(tmp_path: Path) -> None:

@@ -8,10 +8,12 @@ import yaml
 
 from tests.sweeps import make_exploration, make_pretraining, make_run
 from toponav.config import SettingsError
+from toponav.runs import run_folders
 from toponav.runs.run_folders import (
     BrokenRunError,
     find_runs,
     group_runs,
+    has_results,
     read_exploration,
     read_pretraining,
     read_table,
@@ -19,7 +21,7 @@ from toponav.runs.run_folders import (
 )
 
 
-def test_runs_are_found_at_any_depth_in_the_order_of_their_numbers(
+def test_runs_are_found_in_all_sweeps_in_the_order_of_their_numbers(
     tmp_path: Path,
 ) -> None:
     for k in ("10", "9", "1"):
@@ -29,6 +31,30 @@ def test_runs_are_found_at_any_depth_in_the_order_of_their_numbers(
     found = [(run.given["pairs.k"], run.seed) for run in runs]
     assert found == [("1", 1), ("9", 0), ("9", 1), ("10", 1)]
     assert {run.recipe for run in runs} == {"pretrain"}
+
+
+def test_runs_deeper_than_sweeps_are_not_looked_for(tmp_path: Path) -> None:
+    # Of all sweeps: multirun/explore/<time>/<settings>; with a folder between them.
+    make_run(tmp_path / "explore/time/between", "explore", seed=1)
+    # Deeper, in a run, and hidden.
+    make_run(tmp_path / "explore/time/between/deeper", "explore", seed=2)
+    make_run(make_run(tmp_path, "explore", seed=3), "explore", seed=4)
+    make_run(tmp_path / ".hidden", "explore", seed=5)
+    (tmp_path / "link").symlink_to(tmp_path)
+    assert [run.seed for run in find_runs(tmp_path)] == [1, 3]
+
+
+def test_a_folder_with_more_folders_than_any_sweep_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_folders, "_MOST_FOLDERS", 5)
+    for number in range(4):
+        (tmp_path / str(number)).mkdir()
+    with pytest.raises(SettingsError, match="folder must hold runs of a recipe"):
+        find_runs(tmp_path)
+    (tmp_path / "4").mkdir()
+    with pytest.raises(SettingsError, match=r"a sweep or a run, got .* than 5 f"):
+        find_runs(tmp_path)
 
 
 def test_a_run_is_found_in_its_own_folder(tmp_path: Path) -> None:
@@ -140,6 +166,31 @@ def test_an_unfinished_pretraining_is_told(
         read_pretraining(folder)
 
 
+@pytest.mark.parametrize(
+    ("files", "found"),
+    [
+        # A run that was killed before its first checkpoint is started again there.
+        (
+            ["config/overrides.yaml", "explore.log", "networks.pt", "map_views.bin"],
+            False,
+        ),
+        (["report.json"], False),
+        (["report.json", "networks.pt"], True),
+        (["checkpoint.pt"], True),
+        (["summary.md"], True),
+        (["plan.png"], False),
+        (["plan.png", "walk.mp4"], True),
+    ],
+)
+def test_a_run_that_is_over_or_can_be_resumed_has_results(
+    files: list[str], found: bool, tmp_path: Path
+) -> None:
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert has_results(tmp_path) == found
+
+
 def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:
     found = read_exploration(make_exploration(tmp_path, best=[0.8, 0.95, 1.0]))
     policies = dict(list(found.evaluation.groupby("policy", sort=False)))
@@ -150,6 +201,13 @@ def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:
     assert len(found.episodes["decisions"]) == 80
 
 
+def test_a_run_too_short_for_a_whole_episode_is_told(tmp_path: Path) -> None:
+    folder = make_exploration(tmp_path, best=[0.95])
+    (folder / "episodes.csv").unlink()
+    with pytest.raises(BrokenRunError, match="no episode of its training ended"):
+        read_exploration(folder)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
@@ -157,6 +215,7 @@ def test_an_exploration_has_its_episodes_by_policy(tmp_path: Path) -> None:
         ("coverage", "covered", "has no column 'intrinsic_return' in its episodes"),
         ("best,|last,", "worst,", "has no evaluation of its best or last policy"),
         ("0.95", "nan", "has evaluation episodes without coverage"),
+        ("0.95", "x", "has other than numbers as 'coverage' in its evaluation.csv"),
     ],
 )
 def test_a_broken_exploration_is_told(

@@ -3,7 +3,7 @@ import signal
 
 import pytest
 
-from toponav.runs import stop_requests
+from toponav.runs import StoppedError, stop_requests
 
 BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 
@@ -31,6 +31,21 @@ def test_the_second_signal_insists(number: int) -> None:
     with pytest.raises(SystemExit):
         stopped_by(number, times=2, seen=seen)
     assert seen == []
+
+
+def checked_after(number: int) -> None:
+    with stop_requests() as stop:
+        stop.check()
+        os.kill(os.getpid(), number)
+        with pytest.raises(StoppedError):
+            stop.check()
+
+
+@BOTH
+def test_what_is_not_worth_finishing_can_end_at_once(number: int) -> None:
+    with pytest.raises(SystemExit) as end:
+        checked_after(number)
+    assert end.value.code == 128 + number
 
 
 def test_without_a_signal_the_handlers_are_as_before() -> None:

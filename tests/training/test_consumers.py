@@ -10,7 +10,9 @@ from toponav.builders import make_networks
 from toponav.envs import ENGINES
 from toponav.methods import make_reward
 from toponav.training import (
+    ContinuedTraining,
     ExplorationState,
+    finish,
     make_consumers,
     make_learner,
     needed_keys,
@@ -98,3 +100,17 @@ def test_no_consumer_but_log_and_map_asks_for_the_truth(tmp_path: Path) -> None:
     for name, consumer in consumers.items():
         asks = any("privileged" in key for key in consumer.in_keys)
         assert asks == (name in ("episodes", "map")), name
+
+
+def test_what_changes_explorers_is_finished_before_they_are_evaluated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    *_, consumers = consumers_of(tmp_path)
+    consumers["online"] = ContinuedTraining.__new__(ContinuedTraining)
+    finished: list[str] = []
+    for name, one in consumers.items():
+        monkeypatch.setattr(one, "finish", lambda _, name=name: finished.append(name))
+    finish(consumers, tmp_path, beside=False)
+    assert finished == ["episodes", "learner", "best", "reward", "online"]
+    finish(consumers, tmp_path, beside=True)
+    assert finished[5:] == ["map", "locomotion"]

@@ -1,7 +1,6 @@
 import copy
 import csv
 import io
-import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from tests.models import WORLD
 from toponav.builders import make_networks
 from toponav.config import ExploreConfig, SettingsError, TrainingError
 from toponav.keys import ACTION, EMBEDDING, TRAJECTORY
-from toponav.training import LocomotionFinetuner, finishing
+from toponav.training import LocomotionFinetuner
 
 SETTINGS = ("locomotion.updates=150", "locomotion.pairs=64", "locomotion.lr=0.01")
 
@@ -176,31 +175,4 @@ def test_without_long_episodes_the_head_stays_as_it_is(
     assert all(
         torch.equal(before[name], one) for name, one in head.state_dict().items()
     )
-    assert not (tmp_path / "locomotion.csv").exists()
-
-
-def test_beside_a_block_it_ends_as_it_does_alone(tmp_path: Path) -> None:
-    alone, head = make(explore_settings(*SETTINGS))
-    beside, same = make(explore_settings(*SETTINGS))
-    for finetuner in (alone, beside):
-        finetuner.extend(walks())
-    alone.finish(tmp_path)
-    with finishing({"locomotion": beside}, tmp_path):
-        torch.rand(5)
-    for name, weight in head.state_dict().items():
-        assert torch.equal(weight, same.state_dict()[name])
-
-
-def test_it_trains_beside_what_a_block_does_and_an_error_there_ends_it(
-    tmp_path: Path,
-) -> None:
-    finetuner, _ = make(explore_settings(*SETTINGS, "locomotion.updates=1000000"))
-    finetuner.extend(walks())
-    began = time.monotonic()
-    with (
-        pytest.raises(RuntimeError, match="of the block"),
-        finishing({"locomotion": finetuner}, tmp_path),
-    ):
-        raise RuntimeError("an error of the block")
-    assert time.monotonic() - began < 30
     assert not (tmp_path / "locomotion.csv").exists()

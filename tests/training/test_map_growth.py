@@ -19,8 +19,9 @@ from toponav.builders import PLACES_FILE, load_places, make_layout, make_network
 from toponav.builders.maps import make_map
 from toponav.builders.pretraining import pretraining_decisions
 from toponav.config import SettingsError
+from toponav.config.explore import MOST_AROUND
 from toponav.graph import PoseRules, load_map, save_map, walking_costs
-from toponav.ground_truth import GroundTruthDistances
+from toponav.ground_truth import GroundTruthDistances, waypoint_poses
 from toponav.metrics import map_quality
 from toponav.training import MapGrowth
 from toponav.training.place_training import PlaceRules
@@ -76,6 +77,29 @@ def test_each_waypoint_has_the_pose_of_its_view() -> None:
         origins, growth.truth.poses.values.tolist(), strict=True
     ):
         assert pose[:2] == seen[env][number]
+
+
+@pytest.mark.parametrize("name", ["window", "search_window", "surroundings"])
+def test_a_view_may_wait_for_many_later_ones(name) -> None:
+    # Each waits for three more batches.
+    config = settings(f"map.{name}=100", "maze.episode_length=512")
+    growth, seen = make_growth(config), {env: [] for env in range(4)}
+    for start in range(0, 320, 32):
+        batch = make_walk(config, start=start, seed=start)
+        for env, places in zip(range(4), batch[keys.POSITION], strict=True):
+            seen[env] += places.tolist()
+        growth.extend(batch)
+    origins = growth.map.waypoints.origins.tolist()
+    assert len({env for env, _ in origins}) == 4
+    assert max(number for _, number in origins) == 219
+    for (env, number), pose in zip(
+        origins, growth.truth.poses.values.tolist(), strict=True
+    ):
+        assert pose[:2] == seen[env][number]
+
+
+def test_the_most_that_a_view_waits_for_is_remembered() -> None:
+    assert waypoint_poses._BACK >= MOST_AROUND
 
 
 def test_only_some_environments_feed_it_if_wanted() -> None:
@@ -322,16 +346,21 @@ def through_the_ring(config, growth, *, env, length=300):
 
 @pytest.fixture
 def pose_growth(monkeypatch):
-    # Enough for a small world.
-    quick = partial(PoseRules, rounds=4, updates=150)
-    monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
-    quick = partial(PlaceRules, updates=150)
-    monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
+    learn_quickly(monkeypatch)
     return make_pose_growth
 
 
-def make_pose_growth(folder=None):
-    config = settings("map.poses=true", "map.poses_above=0.1", "map.edges=time")
+def learn_quickly(monkeypatch, *, rounds=4, updates=150):
+    # Enough for a small world.
+    quick = partial(PoseRules, rounds=rounds, updates=updates)
+    monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
+    quick = partial(PlaceRules, updates=updates)
+    monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
+
+
+def make_pose_growth(folder=None, *words):
+    words = ("map.poses=true", "map.poses_above=0.1", "map.edges=time", *words)
+    config = settings(*words)
     growth = make_growth(config, folder)
     growth.effects = EFFECTS
     waypoints = growth.map.waypoints

@@ -19,6 +19,7 @@ from toponav.builders.collection import (
     frames_that_fit as frames_that_fit,
     make_frame_buffer as make_frame_buffer,
     make_walk_policy as make_walk_policy,
+    taken_meanwhile as taken_meanwhile,
 )
 from toponav.builders.maps import (
     action_effects as action_effects,
@@ -81,6 +82,7 @@ from toponav.builders.processes import (
     seed_of as seed_of,
     start_collector as start_collector,
     stop_collector as stop_collector,
+    track_apart as track_apart,
 )
 from toponav.builders.protocols import (
     NETWORKS as NETWORKS,

@@ -1,5 +1,7 @@
 """Where frames come from: collectors, rollouts, held-out episodes; their storage."""
 
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
@@ -38,6 +40,8 @@ HELD_OUT_KEYS = (NETWORK_PIXELS, ACTION, POSITION, HEADING)
 # Seeds of one run lie in one block; training and validation in their own parts.
 _SEEDS_PER_RUN = 1000
 _FIRST_HELD_OUT_SEED = 900
+# Seconds that a batch that is being taken may take when nobody needs it.
+_TAKE_S = 5
 
 
 def make_walk_env(world: World, *, envs: int, seed: int, halve: bool) -> EnvBase:
@@ -103,6 +107,51 @@ def collect_frames(
         yield collect_batches(collector, max_idle_s=collect.max_idle_s)
     finally:
         stop_collector(collector)
+
+
+@contextmanager
+def taken_meanwhile(
+    batches: Iterator[TensorDictBase], decisions: int
+) -> Iterator[Iterator[TensorDictBase]]:
+    """Take batches in a thread, up to so many ``decisions``, while the block works.
+
+    Yields what hands over those, in their order, and then all later ones; it is for
+    after the block. There an error of the thread is raised in its turn.
+    """
+    kept, failed = deque[TensorDictBase](), list[BaseException]()
+    is_over = threading.Event()
+
+    def take() -> None:
+        number = 0
+        try:
+            while number < decisions and not is_over.is_set():
+                # A copy: a collector may use its memory again.
+                kept.append(next(batches).clone())
+                number += kept[-1].numel()
+        except StopIteration:
+            pass
+        except BaseException as error:
+            failed.append(error)
+
+    def all_batches() -> Iterator[TensorDictBase]:
+        thread.join()
+        while kept:
+            yield kept.popleft()
+        for error in failed:
+            raise error
+        yield from batches
+
+    # A daemon: nobody waits for a collector that hangs when the process is to end.
+    thread = threading.Thread(target=take, daemon=True, name="take batches")
+    thread.start()
+    try:
+        yield all_batches()
+    except BaseException:
+        is_over.set()
+        # Not for long; whoever ends the collector ends the thread.
+        thread.join(_TAKE_S)
+        raise
+    is_over.set()
 
 
 def frames_that_fit(gb: float, view_size: tuple[int, int], *, halve: bool) -> int:
@@ -182,11 +231,16 @@ def collect_rollout(
     return Rollout(torch.stack(frames, 1), start, shown)
 
 
-def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[HeldOut]:
+def collect_held_out(
+    config: PretrainConfig,
+    worlds: Sequence[World],
+    *,
+    progress: Callable[[], object] = lambda: None,
+) -> list[HeldOut]:
     """Random episodes of each world that no training sees.
 
     The actions are uniform whatever policy the training walks with, so that the
-    measurements of different runs compare.
+    measurements of different runs compare. ``progress`` is called after every decision.
     """
     episodes, decisions = config.validate.episodes, config.validate.decisions
     found = []
@@ -199,6 +253,7 @@ def collect_held_out(config: PretrainConfig, worlds: Sequence[World]) -> list[He
             seed=seed,
             halve=config.model.halve,
             privileged=world.spec.has_truth,
+            progress=progress,
         )
         found.append(HeldOut(frames, name=world.name))
     return found
@@ -212,8 +267,12 @@ def collect_walks(
     seed: int,
     halve: bool,
     privileged: bool = False,
+    progress: Callable[[], object] = lambda: None,
 ) -> TensorDictBase:
-    """Episodes ``[E, T]`` of uniform actions, by this process; the seed decides all."""
+    """Episodes ``[E, T]`` of uniform actions, by this process; the seed decides all.
+
+    ``progress`` is called after every decision.
+    """
     env = world.make_env(
         batch_size=episodes, seed=seed, privileged=privileged, episode_length=decisions
     )
@@ -223,7 +282,12 @@ def collect_walks(
     policy(TensorDict(batch_size=[episodes]))
     total, name = episodes * decisions, f"held out {world.name}"
     with closing(env), tqdm(total=total, unit="decision", desc=name) as bar:
+
+        def count(more: int) -> None:
+            bar.update(more)
+            progress()
+
         rollout = collect_rollout(
-            env, policy, decisions, keep=HELD_OUT_KEYS, progress=bar.update
+            env, policy, decisions, keep=HELD_OUT_KEYS, progress=count
         )
     return rollout.frames

@@ -18,7 +18,15 @@ from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
 from toponav.builders.places import PLACES_FILE, load_places
 from toponav.builders.processes import seed_of
-from toponav.config import MazeConfig, NavigateConfig, refusing, require, run_setting
+from toponav.config import (
+    MazeConfig,
+    NavigateConfig,
+    SettingsError,
+    maze_label,
+    refusing,
+    require,
+    run_setting,
+)
 from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
 from toponav.ground_truth import GroundTruthDistances, pick_goal_views, require_motion
@@ -83,6 +91,14 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
         cell_size=require_motion(world).cell_size,
         slot_cells=list(layout.slots.values()),
     )
+    try:
+        distances.cell_numbers(poses[:, :2])
+    except ValueError as error:
+        raise SettingsError(
+            "run must name an exploration whose map is one of its maze, got "
+            f"'{folder}' with waypoints inside the walls of {layout.name} "
+            "(was its layout changed?)"
+        ) from error
     truth = GroundTruth(poses, layout, distances)
     places = _load_places(folder, topological_map.num_waypoints, about)
     return AgentKnowledge(world, networks, topological_map, places), truth
@@ -96,7 +112,7 @@ def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None
     require(
         make_layout(explored).text == layout.text,
         "maze must be the one that the run explored",
-        f"{maze.name} (did you mean maze={explored.name}?)",
+        f"{maze_label(maze.name, maze.path)} (did you mean maze=run?)",
     )
     for name in _APPEARANCE:
         given, wanted = getattr(maze, name), getattr(explored, name)
@@ -157,18 +173,24 @@ def make_goal_places(
     """
     slots = set(truth.layout.slots.values())
     cells = [cell for cell in truth.layout.cells if cell not in slots]
+    mapped = np.asarray(truth.poses)
     if config.goals.source == "map":
-        views, poses = knowledge.map.waypoints.images, np.asarray(truth.poses)
+        views, poses = knowledge.map.waypoints.images, mapped
     else:
         views, poses = _walk_for_views(config, truth, cells)
     chosen = _choose(config, truth, cells, poses)
     found = torch.from_numpy((chosen >= 0).all(1))
-    require(
-        bool(found.any()),
-        f"goals.source must have a picture of one of {len(cells)} places at least",
-        f"none from '{config.goals.source}' (did you mean a longer exploration or "
-        "goals.source=walk?)",
-    )
+    if not found.any():
+        # What was not tried; the map may be as empty as the walk.
+        other = "goals.source=walk"
+        if config.goals.source == "walk":
+            good = (_choose(config, truth, cells, mapped) >= 0).all(1).any()
+            other = f"{'' if good else 'a longer exploration with '}goals.source=map"
+        rule = (
+            f"goals.source must have a picture of one of {len(cells)} places at least"
+        )
+        given = f"none from '{config.goals.source}' (did you mean {other}?)"
+        require(False, rule, given)
     pictures = views[torch.from_numpy(chosen)[found]]
     return GoalPlaces(torch.tensor(cells)[found], pictures, int((~found).sum()))
 

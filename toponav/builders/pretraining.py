@@ -73,10 +73,13 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
     off resumes.
     """
     overrides, folder = pretraining_overrides(config), pretraining_folder(config)
+    # A folder that is shared may be one to read alone.
+    if (folder / NETWORKS_FILE).is_file():
+        tqdm.write(f"networks of {folder}")
+        return folder
     folder.mkdir(parents=True, exist_ok=True)
     with _alone_in(folder) as lock:
-        if (folder / NETWORKS_FILE).is_file():
-            tqdm.write(f"networks of {folder}")
+        if (folder / NETWORKS_FILE).is_file():  # another run's, meanwhile
             return folder
         tqdm.write(f"pre-training in {folder}")
         if (folder / CHECKPOINT_FILE).is_file():

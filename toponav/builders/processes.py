@@ -2,10 +2,12 @@
 
 import ctypes
 import multiprocessing
+import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from multiprocessing import resource_tracker, util
 from typing import Any
 
 import numpy as np
@@ -71,12 +73,38 @@ def one_thread() -> Iterator[None]:
 def prepare_process(*, threads: int | None, seed: int | None = None) -> None:
     """Set how a process computes: threads (as many as cores for ``None``) and memory.
 
-    With a ``seed`` torch's generator is seeded.
+    With a ``seed`` torch's generator is seeded. What it starts has a tracker of its
+    own, see `track_apart`.
     """
     torch.set_num_threads(threads or torch.get_num_threads())
     keep_freed_memory()
+    track_apart()
     if seed is not None:
         torch.manual_seed(seed)
+
+
+def track_apart() -> None:
+    """Start Python's resource tracker, if none runs, in a session of its own.
+
+    It removes the named semaphores of processes that were killed, once the last of them
+    is gone. As Python starts it, it is in their process group, and dies with them if
+    all of that is killed: their names then stay in shared memory. A Python that starts
+    it in another way than those of today leaves it where it is.
+    """
+    ordinary = getattr(util, "spawnv_passfds", None)
+    if ordinary is None:
+        return
+
+    def spawn_apart(path: bytes, words: Sequence[str], kept: Sequence[int]) -> int:
+        return subprocess.Popen(
+            words, executable=path, pass_fds=kept, start_new_session=True
+        ).pid
+
+    setattr(util, "spawnv_passfds", spawn_apart)  # noqa: B010
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        setattr(util, "spawnv_passfds", ordinary)  # noqa: B010
 
 
 def keep_freed_memory() -> bool:

@@ -76,7 +76,8 @@ class Consumer:
     saved: Sequence[str] = ()
     #: Names of those that are of running episodes, if they are plain values.
     running: Sequence[str] = ()
-    #: Whether its `finish` changes nothing that explorers use, and can be interrupted.
+    #: Whether its `finish` changes nothing that explorers use: it may go on while they
+    #: are evaluated.
     finishes_beside = False
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
@@ -95,9 +96,6 @@ class Consumer:
 
     def finish(self, folder: Path) -> None:
         """Called once when no more batches come."""
-
-    def interrupt(self) -> None:
-        """End a `finish` that runs in another thread; nothing needs its result."""
 
     def state_dict(self) -> dict[str, Any]:
         """What another one needs to continue: the states or values of `saved`."""

@@ -24,6 +24,10 @@ from toponav.config.groups import (
     WorldConfig,
 )
 
+#: Decisions before and after a view that may count for the map: it waits for them, and
+#: as long as it waits, what judges it keeps where the view was taken.
+MOST_AROUND = 8192
+
 
 @dataclass
 class PolicyConfig(Settings):
@@ -111,9 +115,9 @@ class MapConfig(Settings):
     edges: str = one_of("both", "reach", "time")
     edge_steps: int = at_least(1)
     extend_by: str = one_of("itself", "previous")
-    window: int = at_least(0)
-    search_window: int = at_least(0)
-    surroundings: int = at_least(0)
+    window: int = between(0, MOST_AROUND)
+    search_window: int = between(0, MOST_AROUND)
+    surroundings: int = between(0, MOST_AROUND)
     surroundings_above: float = between(0, 0.999)
     turn_tolerance: float | None = between(0, 180)
     edge_threshold: float | None = between(0, 0.999)

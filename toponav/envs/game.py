@@ -100,10 +100,11 @@ class GameEngine:
         world: its numbers; must have a ``motion``.
         camera: its view.
         start: starts a game of a maze, in a thread; an ``EngineError`` if it cannot.
-        check: an ``EngineError`` where the engine is not installed; recipes call it
-            before they start anything.
+        check: an ``EngineError`` where the engine is not installed or cannot run;
+            recipes call it before they start anything.
         prepare: called once, before the first ``start``, in the caller's thread.
         end_strays: ends what engines of dead processes left; returns their number.
+        shared_bytes: shared memory that a game takes.
     """
 
     world: WorldSpec
@@ -112,6 +113,7 @@ class GameEngine:
     check: Callable[[], None] = lambda: None
     prepare: Callable[[Layout, Look], None] = lambda layout, look: None
     end_strays: Callable[[], int] = int
+    shared_bytes: int = 0
 
     @property
     def motion(self) -> Motion:

@@ -14,6 +14,7 @@ from toponav.builders import NETWORKS_FILE
 from toponav.config import SettingsError, read_yaml
 from toponav.runs import (
     BrokenRunError,
+    folders_of_runs,
     read_exploration,
     read_navigation,
     read_pretraining,
@@ -99,7 +100,7 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
 def find_keys(runs: Path) -> dict[str, Path]:
     """The run of each key in a folder of runs, finished ones before others."""
-    folders = sorted(path.parent.parent for path in runs.rglob("config/config.yaml"))
+    folders = sorted(folders_of_runs(runs, "runs"))
     found: dict[str, Path] = {}
     for folder, key in read_keys(folders):
         if key not in found or (not is_finished(found[key]) and is_finished(folder)):

@@ -33,7 +33,7 @@ from toponav.graph.navigation import (
     walking_costs as walking_costs,
 )
 from toponav.graph.pieces import MapKeys as MapKeys
-from toponav.graph.poses import PoseRules as PoseRules
+from toponav.graph.poses import MoveRules as MoveRules, PoseRules as PoseRules
 from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
 from toponav.graph.sparsify import sparsify as sparsify
 from toponav.graph.topological_map import TopologicalMap as TopologicalMap

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from toponav.graph.poses import (
+    MoveRules,
     PoseRules,
     choose_waypoints,
     count_moves,
@@ -49,6 +50,7 @@ def consolidate(
     *,
     within: float,
     above: float,
+    move_rules: MoveRules | None = None,
 ) -> Consolidation:
     """Make a map again of few of its waypoints, and of the moves between them.
 
@@ -64,6 +66,7 @@ def consolidate(
         rules: how the poses are found.
         within: decisions, in free space, up to which a waypoint stands for a view.
         above: similarity that it must have to it as well.
+        move_rules: which moves become edges, `MoveRules`'s own by default.
     """
     waypoints, walks = topological_map.waypoints, _known(topological_map)
     unchanged = Consolidation(torch.arange(len(waypoints)))
@@ -105,7 +108,7 @@ def consolidate(
     )
     ends = np.cumsum([len(walk.actions) for walk in walks])[:-1]
     moves = count_moves(np.split(near, ends))
-    moves = trusted_moves(moves, places[kept, :2])
+    moves = trusted_moves(moves, places[kept, :2], move_rules or MoveRules())
     chosen_poses = torch.from_numpy(places[kept]).float()
     topological_map.rebuild(torch.from_numpy(kept), moves, chosen_poses)
     return Consolidation(torch.from_numpy(kept), embeddings, of_views)

@@ -6,8 +6,9 @@ from torch import Tensor
 
 from toponav.keys import ENV_ID, HEADING, POSITION
 
-#: Observations of earlier batches that may still become waypoints: where a map knows
-#: headings, an episode waits until it has found its own.
+#: Observations of earlier batches that may still become waypoints: those for which a
+#: map waits (``map.surroundings``), and, where it knows headings, those of an episode
+#: until it has found its own.
 _BACK = 8192
 
 

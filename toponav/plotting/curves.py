@@ -18,6 +18,9 @@ from toponav.plotting import style
 Table = Mapping[str, ArrayLike] | Sequence[Mapping[str, float]]
 
 _X = "decisions of the training"
+_EPISODES_WAYPOINTS = "Waypoints per episode"
+# Why a panel is empty: of many environments whole episodes take many decisions.
+_NO_EPISODE, _NO_ROW = "no whole episode has ended yet", "nothing measured so far"
 _WAYPOINTS = {"new_waypoints": "new", "spurious_waypoints": "of them spurious"}
 _NETWORK_LOSSES = {"loss_tc": "TC", "loss_locomotion": "L"}
 
@@ -74,14 +77,15 @@ def draw_training(
         ['episodes', 'mean of the last 16', 'uniform random 42%']
     """
     per_episode, reported = _to_frame(episodes), _to_frame(metrics)
-    has_coverage = bool(levels) or _has_values(per_episode, "coverage")
+    has_running = _has_values(reported, "running_coverage")
+    has_coverage = levels or has_running or _has_values(per_episode, "coverage")
     figure = style.new_figure(12, 6.8, title=title)
     # Twelve columns: the panels of a row share them, however many there are.
     grid = figure.add_gridspec(2, 12, height_ratios=[1.5, 1.0])
     if has_coverage:
         axes = figure.add_subplot(grid[0, :6])
         _draw_episodes(axes, per_episode, "coverage", style.BLUE, window)
-        if _has_values(reported, "running_coverage"):
+        if has_running:
             x, y = reported["decisions"], reported["running_coverage"]
             axes.plot(x, y, c=style.SKY, lw=style.THIN, label="running episodes so far")
         style.add_levels(axes, {f"{name} {at:.0%}": at for name, at in levels.items()})
@@ -95,9 +99,10 @@ def draw_training(
         width = 12 // len(small)
         axes = figure.add_subplot(grid[1, number * width : (number + 1) * width])
         _draw_columns(axes, table, names, window if table is per_episode else None)
-        if heading.startswith("Waypoints"):
+        if heading == _EPISODES_WAYPOINTS:
             axes.set_ylim(bottom=0)
-        style.finish(axes, title=heading, x=_X)
+        empty = _NO_EPISODE if heading == _EPISODES_WAYPOINTS else _NO_ROW
+        style.finish(axes, title=heading, x=_X, empty=empty)
     ends = pd.concat([per_episode["decisions"], reported["decisions"]])
     for axes in figure.axes:
         axes.set_xlim(0, (ends.max() if len(ends) else 1.0) * 1.02)
@@ -149,7 +154,7 @@ def _draw_return(
         for number, place in enumerate(metrics["decisions"][is_new]):
             once = None if number else "new networks"
             axes.axvline(place, color=style.GREY, linewidth=0.8, label=once)
-    style.finish(axes, title=heading, x=_X)
+    style.finish(axes, title=heading, x=_X, empty=_NO_EPISODE)
 
 
 def _small_panels(
@@ -161,7 +166,7 @@ def _small_panels(
     losses = [name for name in metrics.filter(regex="^loss_") if name not in other]
     policy = {name: name.removeprefix("loss_") for name in losses}
     panels = {
-        "Waypoints per episode": (episodes, _WAYPOINTS),
+        _EPISODES_WAYPOINTS: (episodes, _WAYPOINTS),
         "Entropy of the policy": (metrics, {"entropy": "entropy"}),
         "Losses of the policy": (metrics, policy),
         "Losses of the networks": (metrics, _NETWORK_LOSSES),

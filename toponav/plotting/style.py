@@ -50,11 +50,13 @@ def finish(
     y: str = "",
     legend: Any = "best",
     note: str | None = None,
+    empty: str = "nothing to show",
 ) -> None:
     """Finish a panel: its title, labels ``x`` and ``y``, a light grid, no box.
 
     What it shows is named where ``legend`` says, under ``note``; not with ``None``, and
-    with ``"below"`` in two columns below it, where it hides nothing.
+    with ``"below"`` in two columns below it, where it hides nothing. ``empty`` says why
+    a panel shows nothing.
     """
     if title:
         add_heading(axes, title)
@@ -71,7 +73,7 @@ def finish(
         axes.legend(title=note, **place, **LEGEND)
     elif legend:
         look: dict[str, Any] = {"size": TEXT, "color": GREY, **CENTRED}
-        axes.text(0.5, 0.5, "nothing to show", transform=axes.transAxes, **look)
+        axes.text(0.5, 0.5, empty, transform=axes.transAxes, **look)
 
 
 def add_legend_below(axes: Axes, distance: float = 0.08) -> None:

@@ -4,6 +4,7 @@ from toponav.reports.baselines import (
     Baselines as Baselines,
     start_baselines as start_baselines,
 )
+from toponav.reports.evaluation_beside import evaluating as evaluating
 from toponav.reports.experiment_figures import (
     experiment_accuracies as experiment_accuracies,
     experiment_curves as experiment_curves,

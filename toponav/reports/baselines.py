@@ -1,16 +1,9 @@
 """Blind baselines: what policies do that see nothing, and exploring must beat."""
 
 import json
-import os
-import pickle
-import signal
-import subprocess
-import sys
-import threading
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import NoReturn
 
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase, TransformedEnv
@@ -19,7 +12,8 @@ from tqdm import tqdm
 from toponav import keys
 from toponav.builders import World, make_walk_policy, seed_of, settings_key
 from toponav.config import ExploreConfig
-from toponav.envs import EngineError, end_stray_engines
+from toponav.envs import EngineError
+from toponav.reports.beside import FEW, Beside, BesideError
 from toponav.reports.episodes import play_episodes
 from toponav.reports.exploration_evaluation import (
     BASELINES,
@@ -27,7 +21,7 @@ from toponav.reports.exploration_evaluation import (
     Evaluation,
     evaluate_policies,
 )
-from toponav.runs import locked, write_text
+from toponav.runs import locked, require_room, write_text
 from toponav.training import Explorer, Row, make_coverage, mean_of
 
 # To be raised if policies, scenes or what counts as covered change.
@@ -35,13 +29,8 @@ _VERSION = 1
 # Settings of a maze that change nothing for who sees nothing; the path is only that of
 # the layout, whose text counts.
 _UNSEEN = ("path", "texture_seed", "paintings", "marks")
-# Fewer decisions take less time than a process of their own needs to start.
-_FEW = 20_000
-# Low priority comes first, since loading torch takes seconds.
-_START = (
-    "import os; os.nice(19); "
-    "from toponav.reports.baselines import play_beside; play_beside()"
-)
+# Room for what is kept, in MB.
+_KEPT_MB = 1.0
 
 
 class Baselines:
@@ -55,33 +44,18 @@ class Baselines:
 
     def __init__(self, settings: ExploreConfig, world: World) -> None:
         self.settings, self.world = settings, world
-        self.process: subprocess.Popen[bytes] | None = None
+        self.beside: Beside[None] | None = None
         self._kept: list[Row] | None = None
 
     def start(self) -> None:
-        """Play what is missing in a process of the lowest priority, if it is much.
-
-        That process ends when nobody holds its standard input open any more: with this
-        object, and with this process, however that ends.
-        """
+        """Play what is missing in a process of the lowest priority, if it is much."""
         evaluate, length = self.settings.evaluate, self.world.episode_length
-        few = len(BASELINES) * evaluate.random_episodes * length < _FEW
+        few = len(BASELINES) * evaluate.random_episodes * length < FEW
         if self.world.layout is None or few or self._find() is not None:
             return
-        quiet = {"TQDM_DISABLE": "1", "OMP_NUM_THREADS": "1"}
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _START],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, **quiet},
-            start_new_session=True,  # Ctrl-C is for the run, which ends it then
-        )
-        assert self.process.stdin is not None
-        # One that dies at once is noticed when its rows are needed.
-        with suppress(BrokenPipeError):
-            self.process.stdin.write(pickle.dumps((self.settings, self.world)))
-            self.process.stdin.flush()
+        # One that cannot start costs nothing: `rows` plays them.
+        with suppress(BesideError):
+            self.beside = Beside(_play_missing, self.settings, self.world, nice=19)
 
     def levels(self) -> dict[str, float]:
         """Mean coverage of each, by name; empty as long as it is unknown."""
@@ -106,37 +80,36 @@ class Baselines:
         rows = self._find()
         return play_baselines(settings, world) if rows is None else rows
 
-    def close(self) -> None:
-        """End the process, if there is one."""
-        if self.process is not None:
-            self.process.terminate()
-            self.process.communicate()
-            self.process = None
-
     def _find(self) -> list[Row] | None:
         if self._kept is None:
             self._kept = find_baselines(self.settings, self.world)
         return self._kept
 
     def _wait(self) -> None:
-        if self.process is None:
+        if self.beside is None:
             return
-        if self.process.poll() is None and self._find() is None:
+        if self.beside.is_running and self._find() is None:
             tqdm.write("waiting for the blind baselines")
-        if status := self.process.wait():
-            end_stray_engines()
-            assert self.process.stdout is not None
-            said = self.process.stdout.read().decode(errors="replace").strip()
+        try:
+            self.beside.result()
+        except BesideError as error:
             tqdm.write(
-                "the blind baselines must be played beside the run, got: "
-                f"{said or f'exit status {status}'}; they are played now"
+                f"the blind baselines must be played beside the run, got: {error}; "
+                "they are played now"
             )
-        self.close()
+        self.beside = None
 
 
 def start_baselines(settings: ExploreConfig, world: World) -> Baselines:
-    """The blind baselines of a run, which a process plays if they are missing."""
+    """The blind baselines of a run, which a process plays if they are missing.
+
+    Raises:
+        SettingsError: if they cannot be kept where later runs would find them.
+    """
     baselines = Baselines(settings, world)
+    if world.layout is not None and find_baselines(settings, world) is None:
+        kept = Path(settings.evaluate.random_folder)
+        require_room(kept, "evaluate.random_folder", _KEPT_MB)
     baselines.start()
     return baselines
 
@@ -163,31 +136,6 @@ def play_baselines(settings: ExploreConfig, world: World) -> list[Row]:
                 content = {"of": baselines_content(settings, world), "rows": rows}
                 write_text(file, json.dumps(content, indent=1))
     return rows or _play(settings, world)[0]
-
-
-def play_beside() -> NoReturn:
-    """The process that `Baselines` starts: reads what to play from standard input."""
-    given = sys.stdin.buffer
-    settings, world = pickle.load(given)
-    # Engines do not get this copy, which they would keep open.
-    reason = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
-
-    def end_with_the_run() -> None:
-        os.read(given.fileno(), 1)  # nothing more is written: returns when it is closed
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=end_with_the_run, daemon=True).start()
-    try:
-        play_baselines(settings, world)
-        if find_baselines(settings, world) is None:
-            raise EngineError(f"{baselines_file(settings, world)} could not be written")
-    except Exception as error:
-        # `Baselines` reads it when it wants the rows.
-        reason.write(" ".join(str(error).split()) or type(error).__name__)
-        reason.close()
-        sys.exit(1)
-    sys.exit(0)
 
 
 def find_baselines(settings: ExploreConfig, world: World) -> list[Row] | None:
@@ -224,6 +172,13 @@ def baselines_content(settings: ExploreConfig, world: World) -> dict[str, object
         "seed": settings.evaluate.random_seed,
         "episodes": settings.evaluate.random_episodes,
     }
+
+
+def _play_missing(_: object, settings: ExploreConfig, world: World) -> None:
+    """What the process beside the run does."""
+    play_baselines(settings, world)
+    if find_baselines(settings, world) is None:
+        raise EngineError(f"{baselines_file(settings, world)} could not be written")
 
 
 def _play(settings: ExploreConfig, world: World) -> tuple[list[Row], bool]:

@@ -18,7 +18,7 @@ from toponav.config import ExploreConfig
 from toponav.ground_truth import require_motion
 from toponav.metrics import trace_episode
 from toponav.plotting import FloorPlan, explored_frames, write_video
-from toponav.reports.episodes import play_episodes
+from toponav.reports.episodes import Progress, play_episodes
 from toponav.runs import write_history
 from toponav.training import (
     COVERAGE_LEVELS,
@@ -32,7 +32,7 @@ from toponav.training import (
 BASELINES = ("random", "sticky")
 #: Sets the seeds of evaluations apart from those of training.
 EVALUATION_SEED = 77
-# Decisions from frame to frame of a video.
+# Decisions from frame to frame of a video; `Evaluation` names it.
 _EVERY = 6
 #: What is kept of each decision where it is there, for tables and pictures.
 _KEPT: list[NestedKey] = [keys.POSITION, keys.HEADING, keys.CELL, keys.COVERAGE]
@@ -46,7 +46,7 @@ class Evaluation:
 
     policy: str
     episodes: TensorDictBase  # [N, T] decisions: poses, coverage, waypoints, reward
-    views: Tensor  # uint8 [T + 1, H, W, 3]; what was seen in the first one
+    views: Tensor  # uint8 [V, H, W, 3]; every sixth that was seen in the first one
     reward_key: NestedKey  # of the reward that the explorer learned from, if computed
 
     def mean(self, column: str) -> float:
@@ -76,11 +76,12 @@ def evaluate_policies(
     world: World,
     explorer: Explorer,
     policies: Mapping[str, TensorDictModuleBase],
+    progress: Progress | None = None,
 ) -> list[Evaluation]:
     """Play whole episodes, the same for all; the explorer's reward is computed.
 
     The blind baselines play ``evaluate.random_episodes``, the others
-    ``evaluate.episodes``.
+    ``evaluate.episodes``. ``progress`` is that of `play_episodes`.
     """
     evaluate, length = settings.evaluate, world.episode_length
     wanted = {
@@ -101,9 +102,11 @@ def evaluate_policies(
         keep=_KEPT,
         keep_next=[*_KEPT, reward],
         views=length + 1,
+        progress=progress,
     )
     return [
-        Evaluation(name, one.frames, one.views, reward) for name, one in played.items()
+        Evaluation(name, one.frames, one.views[::_EVERY].clone(), reward)
+        for name, one in played.items()
     ]
 
 
@@ -167,7 +170,7 @@ def write_episode_video(folder: Path, world: World, evaluation: Evaluation) -> N
 
     Without ground truth there is no plan, and the video shows the views.
     """
-    views = evaluation.views[::_EVERY].numpy()
+    views = evaluation.views.numpy()
     frames: Iterable[Any] = views
     if world.layout is not None:
         trace = trace_episode(evaluation.episodes[0], reward=evaluation.reward_key)

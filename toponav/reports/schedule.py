@@ -52,6 +52,11 @@ class Schedule:
         # Seconds that the finished phases took, and were expected to take.
         self._took = self._should = 0.0
 
+    @property
+    def minutes(self) -> float:
+        """Minutes since this was made."""
+        return (time.monotonic() - self._made) / 60
+
     def begin(self, phase: str, *, rest: float = 1.0) -> None:
         """Announce a phase, unless this run has none of the name.
 

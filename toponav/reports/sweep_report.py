@@ -5,6 +5,7 @@ A report is made of runs of one recipe; ``title`` stands over its figure.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -225,15 +226,13 @@ def _drop_without_coverage(
 def _drop_short_evaluations(
     results: dict[Run, Exploration], names: list[str], left_out: list[str]
 ) -> None:
-    """Leave out the runs of a group that have fewer episodes than its others."""
-    for _, members in group_runs(list(results), names):
-        counts = {
-            run: max(len(_episodes_of(policy, results[run])) for policy in _LEARNED)
-            for run in members
-        }
-        most = max(counts.values())
+    """Leave out the runs of a group with fewer episodes of a policy than its others."""
+    for (_, members), policy in product(group_runs(list(results), names), _LEARNED):
+        left = [run for run in members if run in results]
+        counts = {run: len(_episodes_of(policy, results[run])) for run in left}
+        most = max(counts.values(), default=0)
         for run, count in counts.items():
-            if count < most:
+            if 0 < count < most:
                 del results[run]
                 left_out.append(
                     f"{run.folder} is left out: it has {count} evaluation episodes, "

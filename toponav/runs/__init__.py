@@ -1,6 +1,10 @@
 """Run folders: locks, checkpoints, tables, drawn settings."""
 
-from toponav.runs.draws import keep_draws as keep_draws, log_uniform as log_uniform
+from toponav.runs.draws import (
+    DRAWS_FILE as DRAWS_FILE,
+    keep_draws as keep_draws,
+    log_uniform as log_uniform,
+)
 from toponav.runs.files import (
     CHECKPOINT_FILE as CHECKPOINT_FILE,
     Figures as Figures,
@@ -14,17 +18,25 @@ from toponav.runs.files import (
     write_text as write_text,
 )
 from toponav.runs.locks import (
+    StoppedError as StoppedError,
     alone_in as alone_in,
     locked as locked,
+    remove_empty as remove_empty,
     remove_unused as remove_unused,
     stop_requests as stop_requests,
+)
+from toponav.runs.room import (
+    require_room as require_room,
+    require_shared_memory as require_shared_memory,
 )
 from toponav.runs.run_folders import (
     BrokenRunError as BrokenRunError,
     Exploration as Exploration,
     Run as Run,
     find_runs as find_runs,
+    folders_of_runs as folders_of_runs,
     group_runs as group_runs,
+    has_results as has_results,
     read_exploration as read_exploration,
     read_navigation as read_navigation,
     read_pretraining as read_pretraining,

@@ -34,7 +34,8 @@ Figures = Mapping[str, float]
 def replacing(path: Path | str) -> Iterator[Path]:
     """Give a temporary path in the same folder; on success it replaces ``path``.
 
-    Both have the same suffix. After an error ``path`` is untouched.
+    Both have the same suffix. After an error ``path`` is untouched; an ``OSError`` of
+    the block names it.
 
     Examples:
         >>> import tempfile
@@ -49,6 +50,11 @@ def replacing(path: Path | str) -> Iterator[Path]:
         with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
+    except OSError as error:
+        # What fails while it is written, such as on a full disk, names no file.
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -75,11 +75,20 @@ def remove_unused(folder: Path, names: Collection[str]) -> None:
     if not {path.name for path in folder.iterdir()} <= set(names):
         return
     shutil.rmtree(folder)
+    remove_empty(folder.resolve().parent)
+
+
+def remove_empty(folder: Path) -> None:
+    """Remove a folder and those that held it alone, inside the working directory."""
     with suppress(OSError):
-        for parent in folder.resolve().parents:
+        for parent in (folder.absolute(), *folder.absolute().parents):
             if Path.cwd() not in parent.parents:
                 break
             parent.rmdir()
+
+
+class StoppedError(Exception):
+    """Ends what is not worth finishing in a process that was asked to stop."""
 
 
 class StopRequest:
@@ -97,6 +106,11 @@ class StopRequest:
         if self.requested == number:
             sys.exit(128 + number)
         self.requested = self.requested or number
+
+    def check(self) -> None:
+        """Raise `StoppedError` if the process was asked to stop."""
+        if self.requested:
+            raise StoppedError
 
 
 @contextmanager

@@ -3,9 +3,10 @@
 import csv
 import json
 import math
+import os
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,28 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from omegaconf import DictConfig, ListConfig, OmegaConf
+from pandas.api.types import is_numeric_dtype
 
 from toponav.config import read_yaml, require
 from toponav.runs.draws import DRAWS_FILE
+from toponav.runs.files import CHECKPOINT_FILE
 
+# Runs are at most so deep in a folder of sweeps, which has at most so many folders.
+_DEEPEST, _MOST_FOLDERS = 4, 10_000
+# Beside its settings, what a run needs to be reported on.
+_NEEDED = ("overrides", "hydra")
+# Columns of tables that hold words.
+_WORDS = ("policy", "phase")
 # Settings in which the runs of one group may differ: chance, and places of others.
 _NOT_SETTINGS = ("seed", "resume", "pretraining.folder", "evaluate.random_folder")
+# What a run leaves that is over, or can be resumed: all files of one of these.
+_RESULTS = (
+    (CHECKPOINT_FILE,),
+    ("networks.pt", "report.json"),
+    ("summary.md",),
+    ("walk.mp4",),
+    ("walk.gif",),
+)
 
 
 class BrokenRunError(ValueError):
@@ -63,20 +80,50 @@ class Exploration:
 
 
 def find_runs(folder: Path) -> list[Run]:
-    """All runs in a folder, at any depth, sorted by their settings and seeds.
+    """All runs in a folder of sweeps, sorted by their settings and seeds.
 
     Raises:
-        SettingsError: if it is no folder or there is no run in it.
+        SettingsError: if it is no folder, there is no run in it, or `folders_of_runs`
+            refuses it.
     """
     rule = "folder must name the folder of a sweep or a run"
     require(folder.is_dir(), rule, f"'{folder}'")
     found = [
-        _read_run(path.parent.parent)
-        for path in folder.rglob("config/overrides.yaml")
-        if path.with_name("hydra.yaml").is_file()
+        _read_run(one)
+        for one in folders_of_runs(folder, "folder")
+        if all((one / f"config/{name}.yaml").is_file() for name in _NEEDED)
     ]
     require(bool(found), "folder must hold runs of a recipe", f"none in '{folder}'")
     return sorted(found, key=lambda run: (sort_key(run.given.values()), run.seed))
+
+
+def has_results(folder: Path) -> bool:
+    """Whether a run in this folder is over, or can be resumed."""
+    return any(all((folder / one).is_file() for one in files) for files in _RESULTS)
+
+
+def folders_of_runs(folder: Path, setting: str) -> Iterator[Path]:
+    """The folders with settings of a run, at most four folders deep in another one.
+
+    Those of runs, hidden folders and links are not looked into.
+
+    Args:
+        folder: to look in; none is the same as an empty one.
+        setting: that names it.
+
+    Raises:
+        SettingsError: if it holds so many folders that it is none of sweeps.
+    """
+    for number, (at, names, _) in enumerate(os.walk(folder)):
+        rule = f"{setting} must name the folder of a sweep or a run"
+        given = f"'{folder}', which has more than {_MOST_FOLDERS:,} folders"
+        require(number < _MOST_FOLDERS, rule, given)
+        is_run = Path(at, "config/config.yaml").is_file()
+        if is_run:
+            yield Path(at)
+        if is_run or len(Path(at).relative_to(folder).parts) == _DEEPEST:
+            names.clear()
+        names[:] = [name for name in names if not name.startswith(".")]
 
 
 def _read_run(folder: Path) -> Run:
@@ -136,7 +183,8 @@ def read_table(path: Path, columns: Iterable[str] = ()) -> pd.DataFrame:
     """A CSV table that must have these columns; NaN for an empty cell.
 
     Raises:
-        BrokenRunError: if the file, a column or a cell is missing, or it is empty.
+        BrokenRunError: if the file, a column or a cell is missing, it is empty, or one
+            of these columns that is none of words holds other than numbers.
     """
     if not path.is_file():
         raise BrokenRunError(f"has no {path.name}")
@@ -156,6 +204,8 @@ def _require_columns(table: pd.DataFrame, columns: Iterable[str], file: str) -> 
     for column in columns:
         if column not in table:
             raise BrokenRunError(f"has no column '{column}' in its {file}")
+        if column not in _WORDS and not is_numeric_dtype(table[column]):
+            raise BrokenRunError(f"has other than numbers as '{column}' in its {file}")
 
 
 def read_pretraining(folder: Path) -> pd.DataFrame:
@@ -206,8 +256,11 @@ def read_exploration(folder: Path) -> Exploration:
     evaluation = read_table(folder / "evaluation.csv", ("policy", "seed"))
     measure, percent, columns = "intrinsic_return", 1, ["intrinsic_return"]
     if "coverage" in evaluation:
-        measure, percent, columns = "coverage", 100, ["decisions_to_90"]
+        measure, percent, columns = "coverage", 100, ["coverage", "decisions_to_90"]
     _require_columns(evaluation, columns, "evaluation.csv")
+    # Of many environments, short runs finish no whole episode.
+    if not (folder / "episodes.csv").is_file():
+        raise BrokenRunError("has no episodes.csv: no episode of its training ended")
     episodes = read_table(folder / "episodes.csv", ("decisions", measure))
     # Without a best policy where rewards of different times do not compare.
     if not evaluation["policy"].isin(["best", "last"]).any():

@@ -9,7 +9,7 @@ from toponav.training.checkpoints import (
 )
 from toponav.training.consumers import (
     BestPolicy as BestPolicy,
-    finishing as finishing,
+    finish as finish,
     make_consumers as make_consumers,
     make_learner as make_learner,
     needed_keys as needed_keys,
@@ -37,6 +37,7 @@ from toponav.training.explorer import (
     Explorer as Explorer,
     make_coverage as make_coverage,
     make_explore_env as make_explore_env,
+    make_explorer as make_explorer,
     publish as publish,
 )
 from toponav.training.map_growth import MapGrowth as MapGrowth
@@ -50,4 +51,8 @@ from toponav.training.pretraining import (
     decisions_due as decisions_due,
     learning_rate as learning_rate,
     make_pretrainer as make_pretrainer,
+)
+from toponav.training.room import (
+    require_explore_room as require_explore_room,
+    require_pretrain_room as require_pretrain_room,
 )

@@ -12,6 +12,7 @@ from toponav.config import ExploreCollectConfig, ModelConfig
 from toponav.runs import CHECKPOINT_FILE, reading_checkpoint, save_atomically
 from toponav.training.episode_log import Row
 from toponav.training.pair_trainer import PairTrainer
+from toponav.training.whole_states import require_whole
 
 _EXPLORATION = {"kind": "toponav exploration", "version": 2}
 _TRAINING = {"kind": "toponav training", "version": 1}
@@ -55,11 +56,16 @@ def save_exploration(
     `running_episodes`, a resumed run does what it would have done, to the last digit,
     unless ``online.learn`` needs views, which are collected again. Without (with
     ``collect.mode=async`` or ``world=gym``) it begins new ones, with other scenes.
+
+    Raises:
+        TrainingError: if the states do not fit each other; the former file stays.
     """
+    states = {name: one.state_dict() for name, one in consumers.items()}
+    require_whole(state.decisions, states)
     checkpoint: dict[str, object] = {
         **_EXPLORATION,
         "state": dict(vars(state)),
-        "consumers": {name: one.state_dict() for name, one in consumers.items()},
+        "consumers": states,
         "torch_generator": torch.get_rng_state(),
     }
     if episodes is not None:

@@ -1,9 +1,7 @@
 """The consumers of an exploration's batches, from its settings."""
 
 import math
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
@@ -161,26 +159,11 @@ def needed_keys(consumers: Mapping[str, Consumer]) -> list[NestedKey]:
     return list(dict.fromkeys(key for one in consumers.values() for key in one.in_keys))
 
 
-@contextmanager
-def finishing(consumers: Mapping[str, Consumer], folder: Path) -> Iterator[None]:
-    """Finish all consumers, those that can beside what the block does, in a thread.
-
-    They are finished when it ends; an error in it ends them first.
-    """
-    beside = [one for one in consumers.values() if one.finishes_beside]
+def finish(consumers: Mapping[str, Consumer], folder: Path, *, beside: bool) -> None:
+    """Finish those that change what explorers use, or those that can beside them."""
     for consumer in consumers.values():
-        if consumer not in beside:
+        if consumer.finishes_beside == beside:
             consumer.finish(folder)
-    with ThreadPoolExecutor(max(1, len(beside))) as pool:
-        results = [pool.submit(one.finish, folder) for one in beside]
-        try:
-            yield
-        except BaseException:
-            for one in beside:
-                one.interrupt()
-            raise
-        for result in results:
-            result.result()
 
 
 def trained_policies(

@@ -6,7 +6,6 @@ Reference:
 """
 
 import copy
-import threading
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -169,7 +168,6 @@ class LocomotionFinetuner(Consumer):
         self._start = copy.deepcopy(self.head.state_dict())
         # Collectors that begin new episodes number them from 0 again.
         self._first_episode = 0
-        self._interrupted = threading.Event()
 
     def extend(self, batch: TensorDictBase) -> dict[str, float]:
         """Keep the decisions of a batch ``[E, T]``, instead of the oldest ones."""
@@ -208,8 +206,6 @@ class LocomotionFinetuner(Consumer):
         sums = torch.zeros(2)
         bar = tqdm(range(1, config.updates + 1), desc="train L head", unit="update")
         for update in bar:
-            if self._interrupted.is_set():
-                return
             measured = trainer.step()
             schedule.step()
             figures = measured["loss_locomotion"], measured["train_l_accuracy"]
@@ -222,9 +218,6 @@ class LocomotionFinetuner(Consumer):
                 sums.zero_()
         self.head.load_state_dict(head.state_dict())
         write_history(folder / "locomotion.csv", rows)
-
-    def interrupt(self) -> None:
-        self._interrupted.set()
 
     def _draw_pairs(self) -> list[TensorDictBase]:
         pairs = self.buffer.sample().to(self.device)

@@ -15,15 +15,13 @@ from toponav.builders import (
     NETWORKS,
     POLICY,
     World,
-    make_empty_novelty,
     prepare_process,
     seed_of,
 )
 from toponav.collectors import Mailbox, RayMailbox, Subscription
 from toponav.config import ExploreConfig
 from toponav.keys import EMBEDDING, NETWORK_PIXELS, PIXELS
-from toponav.methods import LEARNERS, make_reward
-from toponav.training.explorer import Explorer, make_explore_env
+from toponav.training.explorer import Explorer, make_explore_env, make_explorer
 
 
 def make_worker_env(settings: ExploreConfig, **arguments: Any) -> EnvBase:
@@ -53,12 +51,7 @@ def prepare_worker(
     again = (start,) if start else ()
     seed = seed_of(settings.seed, decisions, worker_idx, *again)
     prepare_process(threads=1, seed=seed)
-    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
-    explorer = Explorer(policy, make_reward(settings, world, None), None)
-    if explorer.novelty is None and NETWORKS in mailbox.names:
-        explorer.novelty = make_empty_novelty(settings.model, world.spec)
-    for name, module in explorer.modules().items():
-        mailbox.pull(name, module)
+    explorer = make_explorer(settings, world, mailbox.names, mailbox.pull)
     return {
         "create_env_kwargs": {
             "settings": settings,

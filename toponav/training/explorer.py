@@ -1,6 +1,6 @@
 """The explorer and its environments."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import torch
 from tensordict.nn import TensorDictModuleBase
@@ -16,10 +16,11 @@ from toponav.builders import (
     Novelty,
     RewardMethod,
     World,
+    make_empty_novelty,
 )
 from toponav.collectors import Mailbox, RayMailbox, StaggeredEpisodes
 from toponav.config import ExploreConfig
-from toponav.methods import LEARNERS
+from toponav.methods import LEARNERS, make_reward
 from toponav.transforms import (
     AreaDownsample,
     Coverage,
@@ -58,6 +59,25 @@ class Explorer:
         """All that collecting processes fetch, by the name it is published under."""
         networks = {} if self.novelty is None else {NETWORKS: self.novelty}
         return {POLICY: self.policy, **networks, **self.reward.modules()}
+
+
+def make_explorer(
+    settings: ExploreConfig,
+    world: World,
+    names: Collection[str],
+    fill: Callable[[str, nn.Module], object],
+) -> Explorer:
+    """An explorer like that of another process, whose modules have these ``names``.
+
+    ``fill`` puts that process's weights into each module.
+    """
+    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
+    explorer = Explorer(policy, make_reward(settings, world, None), None)
+    if explorer.novelty is None and NETWORKS in names:
+        explorer.novelty = make_empty_novelty(settings.model, world.spec)
+    for name, module in explorer.modules().items():
+        fill(name, module)
+    return explorer
 
 
 def publish(

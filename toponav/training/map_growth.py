@@ -71,6 +71,7 @@ class MapGrowth(Consumer):
         *("map", "walks", "truth", "rows", "decisions", "growth"),
         "pretraining_decisions",
     )
+    finishes_beside = True
 
     def __init__(
         self,

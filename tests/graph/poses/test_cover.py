@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from toponav.graph.poses import (
+    MoveRules,
     choose_waypoints,
     decisions_apart,
     nearest_waypoints,
@@ -67,20 +68,16 @@ def test_a_move_through_a_wall_that_was_made_once_goes() -> None:
     once = {(4, 6): 1, (6, 4): 0, (9, 19): 1, (1, 11): 1}
     # By 1.5 x 2 + 3 = 6 steps at most: from 4 to 6 there are 2, from 1 to 11 there are
     # 1 + 2 + 1 = 4, from 9 to 19 there are 20.
-    kept = trusted_moves(moves | once, positions)
+    kept = trusted_moves(moves | once, positions, MoveRules())
     assert {pair for pair in once if pair in kept} == {(4, 6), (6, 4), (1, 11)}
     # What leads to the second corridor alone stays.
     del moves[0, 10]
-    kept = trusted_moves(moves | {(9, 19): 1}, positions)
+    kept = trusted_moves(moves | {(9, 19): 1}, positions, MoveRules())
     assert kept[9, 19] == 1
 
 
 def test_there_and_back_count_together() -> None:
     positions = np.array([[0.0, 0.0], [0.0, 1.0], [9.0, 0.0]])
-    often = {(0, 1): 5, (1, 2): 5}
-    assert (2, 0) in trusted_moves(
-        often | {(0, 2): 1, (2, 0): 1}, positions, detour=0.1, beyond=0.1
-    )
-    assert (2, 0) not in trusted_moves(
-        often | {(2, 0): 1}, positions, detour=0.1, beyond=0.1
-    )
+    often, rules = {(0, 1): 5, (1, 2): 5}, MoveRules(detour=0.1, beyond=0.1)
+    assert (2, 0) in trusted_moves(often | {(0, 2): 1, (2, 0): 1}, positions, rules)
+    assert (2, 0) not in trusted_moves(often | {(2, 0): 1}, positions, rules)

@@ -1,6 +1,7 @@
 """Where a map's views were taken, found from the agent's own actions and views."""
 
 from toponav.graph.poses.cover import (
+    MoveRules as MoveRules,
     choose_waypoints as choose_waypoints,
     count_moves as count_moves,
     nearest_waypoints as nearest_waypoints,

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -108,13 +109,17 @@ def count_moves(walks: Iterable[Numbers], *, stay: int = 2) -> Counter[tuple[int
     return moves
 
 
+@dataclass(frozen=True, kw_only=True)
+class MoveRules:
+    """Which moves become edges; the numbers are those of ``results/moves.csv``."""
+
+    often: int = 2  # times, both ways together, from which a move is trusted
+    detour: float = 1.5  # most steps by other moves for each step between the ends
+    beyond: float = 3.0  # steps that these may be more
+
+
 def trusted_moves(
-    moves: Mapping[tuple[int, int], int],
-    positions: Floats,
-    *,
-    often: int = 2,
-    detour: float = 1.5,
-    beyond: float = 3.0,
+    moves: Mapping[tuple[int, int], int], positions: Floats, rules: MoveRules
 ) -> Counter[tuple[int, int]]:
     """Those ``moves`` that fit the ones that were made often.
 
@@ -126,20 +131,18 @@ def trusted_moves(
     Args:
         moves: from waypoint to waypoint, how often.
         positions: of the W waypoints in steps, ``[W, 2]``.
-        often: times, both ways together, from which a move is trusted.
-        detour: most steps by other moves for each step between the ends.
-        beyond: steps that these may be more.
+        rules: what is often, and how long the other way may be.
 
     Examples:
         >>> positions = np.array([[0.0, 0], [0, 9], [9, 9], [9, 0]])
         >>> moves = {(0, 1): 5, (1, 2): 5, (2, 3): 5, (3, 0): 1}
-        >>> sorted(trusted_moves(moves, positions, often=2))
+        >>> sorted(trusted_moves(moves, positions, MoveRules(often=2)))
         [(0, 1), (1, 2), (2, 3)]
     """
     counts = Counter[tuple[int, int]]()
     for (one, other), count in moves.items():
         counts[min(one, other), max(one, other)] += count
-    trusted = {pair for pair, count in counts.items() if count >= often}
+    trusted = {pair for pair, count in counts.items() if count >= rules.often}
     steps = {
         pair: float(np.linalg.norm(np.subtract(*positions[[*pair]]))) for pair in counts
     }
@@ -149,7 +152,7 @@ def trusted_moves(
     apart = _path_lengths(trusted, steps, len(positions))
     bridges = []
     for pair in rest:
-        if apart[pair] <= detour * steps[pair] + beyond:
+        if apart[pair] <= rules.detour * steps[pair] + rules.beyond:
             trusted.add(pair)
         elif not np.isfinite(apart[pair]):
             bridges.append(pair)

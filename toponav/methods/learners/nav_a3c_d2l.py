@@ -28,7 +28,7 @@ _BOUNDS = (0.05, 0.175, 0.3, 0.425, 0.55, 0.675, 0.8)
 # Share of a depth picture's height and width that is left out on each side.
 _CROP = (0.2, 0.05)
 # Width of the layer of either head.
-_HIDDEN = 128
+_HIDDEN = 2**7
 
 
 @dataclass

@@ -6,11 +6,12 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from toponav.builders import World
 from toponav.config import ExploreConfig, above, at_least, between, require
 from toponav.methods.learners.actor_critic import ActorCriticConfig, ActorCriticLearner
+from toponav.modules import ActorCritic
 from toponav.objectives import SequenceMinibatches, TRPOLoss, TrustRegion
 
 
@@ -37,7 +38,8 @@ class TRPOLearner(ActorCriticLearner):
     """One step of the policy over each batch, then several passes of the critic.
 
     Trunk and LSTM belong to the policy: the critic is a linear head on what they were
-    trained for, and the optimiser is its own.
+    trained for, and the optimiser is its own. It begins at 0 everywhere, so that the
+    policy stays as it is until there is a reward.
     """
 
     schema = TRPOConfig
@@ -58,6 +60,16 @@ class TRPOLearner(ActorCriticLearner):
         self.passes = SequenceMinibatches(
             1, num_minibatches=config.critic_minibatches, seed=settings.seed
         )
+
+    @staticmethod
+    def make_policy(settings: ExploreConfig, world: World) -> ActorCritic:
+        policy = ActorCriticLearner.make_policy(settings, world)
+        # The errors of a critic with other weights would be advantages where nothing is
+        # paid, and normalised they are as large as those of a reward: the policy would
+        # take a whole step into a random direction with each batch.
+        nn.init.zeros_(policy.critic.weight)
+        nn.init.zeros_(policy.critic.bias)
+        return policy
 
     def make_loss(self) -> TRPOLoss:
         return TRPOLoss(self.policy)

@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from collections import namedtuple
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from tests.envs.children import Child, run
 from tests.envs.layouts import LANE
-from toponav.envs import DoomMazeEnv
+from toponav.envs import DoomMazeEnv, EngineError
 from toponav.envs.engines.doom import instances
 
 ENV = "env = DoomMazeEnv(LANE, batch_size=2)\nenv.reset()\n"
@@ -259,3 +260,28 @@ def test_a_claimed_folder_holds_what_the_engine_must_not_write() -> None:
         instances.release(folder)
     instances.release(folder)  # twice is harmless
     assert instances.engine_pid(folder) is None
+
+
+@pytest.mark.parametrize("which", ["SHARED_MEMORY", "TMPDIR"])
+def test_a_machine_without_room_for_engines_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, which: str
+) -> None:
+    instances.check_room()
+    place = tmp_path / "gone"
+    if which == "TMPDIR":
+        monkeypatch.setattr(instances.tempfile, "tempdir", str(place))
+    else:
+        monkeypatch.setattr(instances, which, place)
+    with pytest.raises(
+        EngineError, match=r"gone.* must have room for .* got none \(No"
+    ):
+        instances.check_room()
+    place.mkdir()
+    usage = namedtuple("Usage", "free")
+    monkeypatch.setattr(
+        instances.shutil,
+        "disk_usage",
+        lambda at: usage(9 * 1024 if at == place else 10**9),
+    )
+    with pytest.raises(EngineError, match=r"gone.* kB of the engine's, got 9 kB"):
+        instances.check_room()

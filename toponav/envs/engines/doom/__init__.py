@@ -1,7 +1,7 @@
 """The ViZDoom engine: art, level compiler, scripts, process handling."""
 
 from toponav.envs.engines.doom.game import MazeGame as MazeGame, prepare
-from toponav.envs.engines.doom.instances import sweep
+from toponav.envs.engines.doom.instances import SHARED_BYTES, check_room, sweep
 from toponav.envs.engines.doom.spec import (
     ACTIONS as ACTIONS,
     CAMERA,
@@ -11,5 +11,11 @@ from toponav.envs.engines.doom.spec import (
 from toponav.envs.game import GameEngine
 
 ENGINE = GameEngine(
-    world=WORLD, camera=CAMERA, start=MazeGame, prepare=prepare, end_strays=sweep
+    world=WORLD,
+    camera=CAMERA,
+    start=MazeGame,
+    check=check_room,
+    prepare=prepare,
+    end_strays=sweep,
+    shared_bytes=SHARED_BYTES,
 )

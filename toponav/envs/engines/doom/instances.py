@@ -9,6 +9,7 @@ import atexit
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from contextlib import suppress
@@ -18,6 +19,8 @@ from types import FrameType
 
 import psutil
 
+from toponav.envs.game import EngineError
+
 # The engine writes these sections if they are missing, and then also a folder
 # into the working directory; several at once fail over it.
 _INI = "".join(
@@ -25,7 +28,28 @@ _INI = "".join(
 )
 #: Where the engines keep their shared memory (Linux).
 SHARED_MEMORY = Path("/dev/shm")
+#: What an engine uses of it: of three files, as many blocks as have been written.
+SHARED_BYTES = 96 * 1024
+# Its level, and what it writes beside.
+_FILES_BYTES = 1024 * 1024
 _SHARED_MEMORY_PREFIXES = ("ViZDoomSM", "ViZDoomMQCtr", "ViZDoomMQDoom")
+
+
+def check_room() -> None:
+    """An ``EngineError`` where no engine could start for want of memory or disk."""
+    temporary = Path(tempfile.gettempdir())
+    places = {f"{temporary} (TMPDIR)": (temporary, _FILES_BYTES)}
+    if sys.platform.startswith("linux"):
+        places[str(SHARED_MEMORY)] = (SHARED_MEMORY, SHARED_BYTES)
+    for name, (folder, least) in places.items():
+        rule = f"{name} must have room for {least // 1024} kB of the engine's"
+        try:
+            with tempfile.TemporaryFile(dir=folder):
+                free = shutil.disk_usage(folder).free
+        except OSError as error:
+            raise EngineError(f"{rule}, got none ({error.strerror})") from error
+        if free < least:
+            raise EngineError(f"{rule}, got {free // 1024} kB")
 
 
 def registry() -> Path:

@@ -1,0 +1,141 @@
+"""A process beside the run, and the evaluation that it plays."""
+
+import math
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import pytest
+import torch
+
+from tests.exploring import explore_settings, world_of
+from toponav.builders import World, make_networks
+from toponav.config import ExploreConfig
+from toponav.methods import make_reward
+from toponav.reports import evaluate_policies, evaluating, evaluation_beside
+from toponav.reports.beside import Beside, BesideError
+from toponav.training import ExplorationState, Explorer, make_learner
+
+
+def make_explorer_of(config: ExploreConfig, world: World, folder: Path) -> Explorer:
+    """With networks that were never trained, if the reward needs some."""
+    networks = None
+    if config.reward.name == "novelty":
+        networks = make_networks(config.model, world.spec)
+        networks.modules.eval()
+        networks.thresholds = {"reward_threshold": 0.5}
+    reward = make_reward(config, world, networks)
+    learner = make_learner(config, world, reward, ExplorationState(), folder)
+    return Explorer(learner.policy, reward, networks)
+
+
+def test_close_ends_it_and_it_ends_with_the_object() -> None:
+    closed, freed = Beside(math.sqrt, 2.0), Beside(math.sqrt, 2.0)
+    processes = closed.process, freed.process
+    assert closed.is_running
+    closed.close()
+    closed.close()
+    del freed
+    assert [one.returncode for one in processes] == [-15, -15]
+    with pytest.raises(BesideError, match="exit status -15"):
+        closed.result()
+
+
+def test_what_cannot_be_pickled_is_said_before_anything_starts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("subprocess.Popen", None)
+    with pytest.raises(BesideError, match="lock"):
+        Beside(math.sqrt, threading.Lock())
+
+
+def evaluate_here(monkeypatch: pytest.MonkeyPatch, *words: str, after: Any) -> Mock:
+    """Evaluate with a stand-in for the evaluation in this process."""
+    config, here = explore_settings("reward=random", *words), Mock()
+    world = world_of(config)
+    monkeypatch.setattr(evaluation_beside, "evaluate_policies", here)
+    explorer = make_explorer_of(config, world, Path())
+    policies = {"last": explorer.policy}
+    with evaluating(config, world, explorer, policies) as evaluation:
+        after(evaluation.beside)
+        assert evaluation.result() is here.return_value
+    return here
+
+
+def test_few_episodes_are_played_by_the_run_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[object] = []
+    evaluate_here(monkeypatch, after=found.append)
+    assert found == [None]
+
+
+def kill(beside: Beside[Any]) -> None:
+    beside.process.kill()
+
+
+def unpicklable(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
+    monkeypatch.setattr(evaluation_beside, "_evaluate", lambda: None)
+    return lambda _: None
+
+
+@pytest.mark.parametrize(
+    ("failing", "reason"), [(kill, "exit status -9"), (unpicklable, "lambda")]
+)
+def test_a_process_that_fails_costs_a_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    failing: Callable[..., Any],
+    reason: str,
+) -> None:
+    monkeypatch.setattr(evaluation_beside, "FEW", 0)
+    after = failing(monkeypatch) if failing is unpicklable else failing
+    here = evaluate_here(monkeypatch, after=after)
+    here.assert_called_once()
+    said = capsys.readouterr().out.strip()
+    assert said.startswith("the policies must be evaluated beside the run, got: ")
+    assert reason in said
+    assert said.endswith("; they are evaluated now")
+    assert len(said.splitlines()) == 1
+
+
+def test_an_error_of_the_block_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evaluation_beside, "FEW", 0)
+    processes = []
+
+    def fail(beside: Beside[Any]) -> None:
+        processes.append(beside.process)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate_here(monkeypatch, after=fail)
+    assert [one.returncode for one in processes] == [-15]
+
+
+@pytest.mark.slow
+def test_another_process_plays_the_same_episodes(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    config = explore_settings("seed=3")
+    world = world_of(config)
+    torch.manual_seed(3)
+    explorer = make_explorer_of(config, world, tmp_path)
+    policies = {name: explorer.policy for name in ("best", "last")}
+    here = evaluate_policies(config, world, explorer, policies)
+    assert capsys.readouterr().err.count("evaluate best") > 0
+    monkeypatch.setattr(evaluation_beside, "FEW", 0)
+    monkeypatch.setattr(evaluation_beside, "evaluate_policies", None)  # not here, then
+    with evaluating(config, world, explorer, policies) as evaluation:
+        torch.rand(5)
+        there = evaluation.result()
+    assert "evaluate last: 100%" in capsys.readouterr().err
+    for one, other in zip(here, there, strict=True):
+        assert one.rows() == other.rows()
+        assert (one.policy, one.reward_key) == (other.policy, other.reward_key)
+        assert torch.equal(one.views, other.views)
+        assert (one.episodes == other.episodes).all()
+    assert len({row["coverage"] for row in here[0].rows()}) > 1

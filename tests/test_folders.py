@@ -1,0 +1,129 @@
+"""Folders in which no run can be: one sentence each, and nothing is left behind."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.explored import make_run
+from tests.forked import run_forked
+from tests.sweeps import make_exploration
+
+#: A name that no file system takes.
+LONG = "y" * 300
+SENTENCE = "hydra.run.dir must name a folder that can be made and written to, got"
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize(
+    ("where", "reason"),
+    [
+        ("file/run", "'file/run' (Not a directory)"),
+        ("file", "'file' (File exists)"),
+        ("/dev/null/run", "'/dev/null/run' (Not a directory)"),
+        ("/proc/run", "'/proc/run' (No such file or directory)"),
+        (f"new/deep/{LONG}", f"'new/deep/{LONG}' (File name too long)"),
+        ("'a\0b'", "embedded null byte"),
+    ],
+)
+def test_an_impossible_run_folder_is_one_sentence(
+    tmp_path: Path, where: str, reason: str
+) -> None:
+    (tmp_path / "file").touch()
+    done = run_forked("tour", f"hydra.run.dir={where}", "scale=smoke", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, f"tour: {SENTENCE} {reason}\n")
+    assert files(tmp_path) == ["file"]
+
+
+def test_that_of_a_sweep_goes_by_its_own_name(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    words = ("scale=smoke", "hydra.sweep.dir=file/sweep", "seed=0,1", "-m")
+    done = run_forked("tour", *words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "tour: hydra.sweep.dir must name a folder that can be made and written to, got "
+        "'file/sweep' (Not a directory)\n",
+    )
+    assert files(tmp_path) == ["file"]
+
+
+def test_a_refused_run_in_the_working_directory_leaves_it_as_it_was(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "mine").touch()
+    words = ("hydra.run.dir=''", "scale=smoke", "decisions=0")
+    done = run_forked("tour", *words, cwd=tmp_path)
+    assert done.stderr == "tour: decisions must be at least 1, got 0\n"
+    assert files(tmp_path) == ["mine"]
+
+
+@pytest.mark.parametrize("seeds", ["0", "0,1"])
+def test_a_sweep_whose_jobs_are_all_refused_says_so_once_each_and_leaves_nothing(
+    tmp_path: Path, seeds: str
+) -> None:
+    words = ("scale=smoke", "decisions=0", f"seed={seeds}", "-m")
+    done = run_forked("tour", *words, cwd=tmp_path)
+    said = [
+        "tour: decisions must be at least 1, got 0 "
+        f"(tour=smoke decisions=0 seed={seed})"
+        for seed in seeds.split(",")
+    ]
+    if len(said) > 1:
+        said.append("tour: not all jobs of the sweep succeeded")
+    assert (done.returncode, done.stderr.splitlines()) == (2, said)
+    assert files(tmp_path) == []
+
+
+def test_flags_stand_before_all_settings_or_after_them(tmp_path: Path) -> None:
+    done = run_forked("tour", "seed=1", "-m", "decisions=0", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "tour: flags such as -m must come before all settings or after them, got one "
+        "before decisions=0\n",
+    )
+
+
+@pytest.mark.parametrize("garbled", ["seed: [1\n", "\0\1", "- a\n", "a: !!python/x y"])
+def test_a_garbled_config_of_a_run_is_one_sentence(
+    tmp_path: Path, garbled: str
+) -> None:
+    make_run(tmp_path / "run")
+    (tmp_path / "run/config/overrides.yaml").write_text("[]\n")
+    explored = make_exploration(tmp_path / "sweep", best=[0.9])
+    for folder in (tmp_path / "run", explored):
+        (folder / "config/config.yaml").write_text(garbled)
+    before = files(tmp_path)
+    for line, damaged in (
+        ("explore resume=run", "run"),
+        ("pretrain resume=run", "run"),
+        ("navigate run=run", "run"),
+        ("report sweep", str(explored.relative_to(tmp_path))),
+    ):
+        recipe, word = line.split()
+        done = run_forked(recipe, word, "scale=smoke", cwd=tmp_path)
+        assert done.returncode == 2
+        (sentence,) = done.stderr.splitlines()
+        assert sentence.startswith(
+            f"{recipe}: a run folder must hold the settings of a run, got the damaged "
+            f"{damaged}/config/config.yaml ("
+        )
+        assert files(tmp_path) == before
+
+
+def test_a_map_of_another_maze_is_one_sentence(tmp_path: Path) -> None:
+    """Such as after the layout's file was changed."""
+    make_run(tmp_path / "run")
+    layout = "*****\n*** *\n*** *\n*** *\n*****\n"
+    (tmp_path / "run/ring.txt").write_text(layout)
+    before = files(tmp_path)
+    done = run_forked("navigate", "run=run", "scale=smoke", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "navigate: run must name an exploration whose map is one of its maze, got "
+        "'run' with waypoints inside the walls of ring (was its layout changed?)\n",
+    )
+    assert files(tmp_path) == before
+    shutil.rmtree(tmp_path / "run")

@@ -1,0 +1,99 @@
+"""Command lines as users type them, and as Hydra gets them."""
+
+import hashlib
+import re
+from pathlib import Path
+from typing import Any
+
+from omegaconf import ListConfig, OmegaConf
+
+from toponav.config import RECIPES, SettingsError, read_yaml, require
+from toponav.methods import METHODS
+from toponav.refusals import leaves, settings_of
+
+#: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
+_LONGEST_NAME = 200
+#: Hydra's flags that have a value.
+_FLAGS = (
+    *("--cfg", "-c", "--package", "-p", "--info", "-i", "--experimental-rerun"),
+    *("--config-path", "-cp", "--config-name", "-cn", "--config-dir", "-cd"),
+)
+
+
+def folder_name(overrides: str) -> str:
+    """One folder's name for the overrides of a run of a sweep, joined by commas.
+
+    Nothing in it makes folders of its own or needs quotes in a shell; a long one ends
+    in a digest. YAML writes it ``${folder_name:${hydra.job.override_dirname}}``.
+
+    Examples:
+        >>> folder_name("maze.blocked=[a,b],init_from=/runs/select")
+        'maze.blocked=a,b,init_from=-runs-select'
+    """
+    bare = re.sub(r"[][{}$'\"\\]", "", overrides)
+    name = re.sub(r"[^\w.,=+-]+", "-", bare)
+    if len(name) > _LONGEST_NAME:
+        digest = hashlib.sha256(overrides.encode()).hexdigest()[:8]
+        name = f"{name[: _LONGEST_NAME - 9]}-{digest}"
+    return name
+
+
+def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
+    """The command line of the run to go on with, and its folder to write into.
+
+    A command line without ``resume=`` comes back as it is.
+
+    Raises:
+        SettingsError: if ``resume`` names no run folder, or that of an earlier version
+            or another recipe, with settings that ``recipe`` has not.
+    """
+    given = [word for word in arguments if word.startswith("resume=")]
+    folder = given[-1].partition("=")[2].strip("'\"") if given else ""
+    if folder in ("", "null"):
+        return arguments
+    overrides = Path(folder) / "config" / "overrides.yaml"
+    if not overrides.is_file():
+        raise SettingsError(f"resume must name the folder of a run, got '{folder}'")
+    config = overrides.with_name("config.yaml")
+    known = set(settings_of(RECIPES[recipe]))
+    for group, schemas in METHODS.items():
+        known.update(*(settings_of(schema, f"{group}.") for schema in schemas.values()))
+    old = OmegaConf.to_container(read_yaml(config)) if config.is_file() else {}
+    other = next((key for key in leaves(old) if key not in known), None)
+    require(
+        other is None,
+        f"resume must name a run of {recipe} of this version",
+        f"'{folder}', which an earlier version (or another recipe) made with other "
+        f"settings, '{other}'",
+    )
+    first: Any = OmegaConf.to_container(read_yaml(overrides, ListConfig))
+    rule = "resume must name a run whose command line was kept whole"
+    whole = all(isinstance(word, str) and word[:1] not in ("", "=") for word in first)
+    require(whole, rule, f"'{overrides}'")
+    kept = [word for word in first + arguments if not word.startswith("resume=")]
+    return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
+
+
+def named_folder(arguments: list[str], name: str) -> list[str]:
+    """The command line with the name of a setting before the folder that stands alone.
+
+    What is an existing folder, or has neither a ``=`` nor a leading dash, is taken for
+    the folder, unless it is the value of one of Hydra's flags.
+
+    Examples:
+        >>> named_folder(["multirun/explore"], "folder")
+        ["folder='multirun/explore'"]
+    """
+    found = []
+    for before, word in zip(["", *arguments], arguments, strict=False):
+        given = word.removeprefix(f"{name}=")
+        alone = Path(word).is_dir() or not ("=" in word or word.startswith("-"))
+        alone = alone and before not in _FLAGS
+        found.append(f"{name}={_quoted(given)}" if given != word or alone else word)
+    return found
+
+
+def _quoted(folder: str) -> str:
+    """In quotes for Hydra: a sweep's folder has equals signs and commas in its name."""
+    bare = folder.strip("'\"")
+    return "'" + bare.replace("'", "\\'") + "'"

@@ -1,0 +1,132 @@
+"""Folders that Hydra makes for runs: theirs alone, and whole, or none at all."""
+
+import os
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from hydra.core import utils
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+
+from toponav.config import SettingsError, require
+from toponav.runs import (
+    CHECKPOINT_FILE,
+    DRAWS_FILE,
+    alone_in,
+    has_results,
+    remove_empty,
+    remove_unused,
+    write_text,
+)
+
+_configure_log = utils.configure_log
+# What Hydra saves of a run, in this order.
+_SAVED = ("config.yaml", "hydra.yaml", "overrides.yaml")
+
+
+def folder_setting(words: Sequence[str], *, sweep: bool) -> str:
+    """The setting that says where a run writes, for a command line."""
+    if any(word.startswith("resume=") and word[7:] != "null" for word in words):
+        return "resume"
+    return "hydra.sweep.dir" if sweep else "hydra.run.dir"
+
+
+def log_in_own_folder(
+    log_config: DictConfig, verbose_config: bool | str | Sequence[str] = False
+) -> None:
+    """Let Hydra open its log, the first file of a run, if the folder is the run's own.
+
+    `SettingsError` if another run is writing there, or has left its results.
+    """
+    # A sweep's own log is opened where no job is.
+    job = HydraConfig.get() if HydraConfig.initialized() else None
+    # A recipe without settings in its folder writes beside the runs of others.
+    if job and job.mode is RunMode.RUN and job.output_subdir is not None:
+        folder = Path(job.runtime.output_dir)
+        if (folder / job.output_subdir / ".lock").is_file():
+            with alone_in(folder / job.output_subdir):
+                pass
+        words: Any = OmegaConf.to_container(job.overrides.task)  # as they were given
+        is_new = not any(word.startswith("resume='") for word in words)
+        can_go_on = (folder / CHECKPOINT_FILE).is_file()
+        hint = f" (did you mean resume='{folder}'?)" if can_go_on else ""
+        rule = "hydra.run.dir must name a folder without results of another run"
+        require(not (is_new and has_results(folder)), rule, f"'{folder}'{hint}")
+    _configure_log(log_config, verbose_config)
+
+
+def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
+    """Write what Hydra would write in place; a killed resume leaves the former file.
+
+    Where it cannot be written, a folder that holds nothing else is removed.
+    """
+    try:
+        output_dir.mkdir(parents=True, exist_ok=True)
+        write_text(output_dir / filename, OmegaConf.to_yaml(cfg))
+    except OSError:
+        earlier = _SAVED[: _SAVED.index(filename)] if filename in _SAVED else ()
+        with suppress(OSError):
+            if {path.name for path in output_dir.iterdir()} <= set(earlier):
+                remove_refused(output_dir.parent, output_dir, before=())
+        raise
+
+
+def remove_refused(folder: Path, own: Path | None, *, before: Collection[str]) -> None:
+    """Remove the folder of a run that was refused, unless it holds something.
+
+    Args:
+        folder: of the run.
+        own: of its settings, in ``folder``; ``None`` if it has none.
+        before: names in the working directory before the run. It is never removed, but
+            what was made in it is.
+    """
+    log = f"{HydraConfig.get().job.name}.log"
+    names = {log} if own is None else {log, own.name}
+    if folder.resolve() != Path.cwd():
+        remove_unused(folder, names)
+    elif own is not None:
+        for path in (folder / name for name in names - set(before)):
+            if path.is_dir():
+                remove_unused(path, [*_SAVED, DRAWS_FILE, ".lock"])
+            else:
+                path.unlink(missing_ok=True)
+
+
+@contextmanager
+def refusing_folders(words: Sequence[str], began: Callable[[], bool]) -> Iterator[None]:
+    """Make one sentence of a folder that Hydra cannot make or write to.
+
+    Args:
+        words: the command line.
+        began: whether a job did, whose errors are its own.
+
+    Raises:
+        SettingsError: that names the setting and the folder.
+    """
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        if began() or isinstance(error, (SettingsError, HydraException)):
+            raise
+        # The log's file stands behind another error.
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        if not isinstance(cause, OSError) and "null byte" not in str(cause):
+            raise
+        where = getattr(cause, "filename", None)
+        reason = getattr(cause, "strerror", None) or str(cause)
+        if where is not None:
+            # Parents that were made before the last one could not be.
+            remove_empty(Path(os.fsdecode(where)).parent)
+        setting = folder_setting(words, sweep=bool({"-m", "--multirun"} & set(words)))
+        rule = f"{setting} must name a folder that can be made and written to"
+        given = f"'{os.fsdecode(where)}' ({reason})" if where is not None else reason
+        raise SettingsError(f"{rule}, got {given}") from error
+
+
+def is_sweep() -> bool:
+    """Whether the job that runs is one of several that ``-m`` started."""
+    return HydraConfig.get().mode is RunMode.MULTIRUN

@@ -1,0 +1,214 @@
+"""`recipe`: the jobs of a command line, each with settings and a folder of its own."""
+
+import argparse
+import inspect
+import logging
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+import hydra
+import hydra.core.utils
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from toponav.config import SettingsError, require
+from toponav.interrupts import catch_as_usual, ignore_signals
+from toponav.launch.arguments import folder_name, named_folder, resumed_arguments
+from toponav.launch.folders import (
+    folder_setting,
+    is_sweep,
+    log_in_own_folder,
+    refusing_folders,
+    remove_refused,
+    save_whole,
+)
+from toponav.methods import register
+from toponav.refusals import REFUSALS, leaves, methods_of, sentence_of, unknown_setting
+from toponav.runs import (
+    alone_in,
+    keep_draws,
+    log_uniform,
+    remove_halves,
+    remove_unused,
+    require_room,
+)
+
+Settings = TypeVar("Settings")
+
+_FAILED = 1
+_USAGE_ERROR = 2
+#: Room for settings and tables, which all runs write, in MB.
+_LEAST_MB = 1.0
+
+
+class _JobError(Exception):
+    """A job of a sweep ended with a sentence, which was printed; holds its status."""
+
+
+def recipe(
+    name: str, *, first: str | None = None, aliases: Mapping[str, str] | None = None
+) -> Callable[[Callable[[Settings, Path], None]], Callable[[], None]]:
+    """Make a function of (settings, run folder) the main function of a script.
+
+    Hydra composes ``conf/<name>.yaml`` and the command line, makes the run folder and
+    starts sweeps (``-m``). A bad setting is one sentence on standard error and exit
+    status 2. SIGTERM ends the run like ``sys.exit``; after its last job the process
+    takes no signals any more. ``resume=<run folder>`` continues
+    in that folder; what the command line says comes on top.
+
+    Args:
+        name: the recipe, a key of ``RECIPES``.
+        first: a setting that holds a folder, which may be given without its name.
+        aliases: other words of the command line to the settings that they stand for.
+    """
+
+    def decorate(function: Callable[[Settings, Path], None]) -> Callable[[], None]:
+        conf = Path(inspect.getfile(function)).resolve().parent.parent / "conf"
+        # The folder of the sweep of each job that began here, and what was here before.
+        jobs, before = list[Path](), set[str]()
+
+        def run(cfg: DictConfig) -> None:
+            # Once more: a launcher may have started another process for it.
+            _register()
+            jobs.append(Path(HydraConfig.get().sweep.dir))
+            _run_job(name, function, cfg, before)
+
+        def main() -> None:
+            _register()
+            # TorchRL logs every buffer that it makes, on standard output.
+            logging.getLogger("torchrl").setLevel(logging.WARNING)
+            # Hydra then raises instead of printing, and the sentence is ours.
+            os.environ["HYDRA_FULL_ERROR"] = "1"
+            argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
+            hydra.core.utils._save_config = save_whole
+            hydra.core.utils.configure_log = log_in_own_folder
+            hydra.core.utils.JobReturn.return_value = _return_value  # type: ignore[assignment, method-assign]
+            start = hydra.main(
+                version_base="1.3", config_path=str(conf), config_name=name
+            )(run)
+            with _one_sentence(name, jobs):
+                catch_as_usual()
+                before.update(os.listdir())
+                arguments = sys.argv[1:]
+                for word in arguments:
+                    rule = "a setting must have a name before its equals sign"
+                    require(not word.startswith("="), rule, f"'{word}'")
+                for word, setting in (aliases or {}).items():
+                    arguments = [
+                        re.sub(f"^{word}=", f"{setting}=", given) for given in arguments
+                    ]
+                if first:
+                    arguments = named_folder(arguments, first)
+                sys.argv[1:] = resumed_arguments(arguments, name)
+                with refusing_folders(sys.argv[1:], lambda: bool(jobs)):
+                    start()
+                # Inside: until here Ctrl-C is one sentence.
+                ignore_signals()
+
+        return main
+
+    return decorate
+
+
+def _register() -> None:
+    """Tell Hydra the schemas, and OmegaConf what YAML and command lines call."""
+    register()
+    for resolver in (folder_name, log_uniform):
+        OmegaConf.register_new_resolver(resolver.__name__, resolver, replace=True)
+
+
+def _refuse_flags(_: argparse.ArgumentParser, message: str) -> NoReturn:
+    """Raise what Hydra's parser would print under its usage."""
+    if found := re.fullmatch("unrecognized arguments: ([^-].*)", message):
+        rule = "flags such as -m must come before all settings or after them"
+        raise SettingsError(f"{rule}, got one before {found.group(1)}")
+    raise SettingsError(f"what begins with a dash must be a flag of Hydra's: {message}")
+
+
+def _result(job: hydra.core.utils.JobReturn) -> Any:
+    """What a job returned; one that failed has said why, where Hydra would say that."""
+    if isinstance(job._return_value, _JobError):
+        raise job._return_value
+    return _hydras_result(job)
+
+
+_hydras_result = hydra.core.utils.JobReturn.return_value.fget  # type: ignore[attr-defined]
+_return_value = property(_result, hydra.core.utils.JobReturn.return_value.fset)  # type: ignore[attr-defined]
+
+
+def _run_job(
+    name: str,
+    function: Callable[[Settings, Path], None],
+    cfg: DictConfig,
+    before: Collection[str],
+) -> None:
+    job = HydraConfig.get()
+    folder = Path(job.runtime.output_dir)
+    # A recipe without settings in its folder writes beside the runs of others.
+    own = None if job.output_subdir is None else folder / job.output_subdir
+    world = OmegaConf.select(cfg, "world.name", default="maze")
+    words: Any = OmegaConf.to_container(job.overrides.task)
+    try:
+        # The lock comes first: without it a run must not remove the folder.
+        with nullcontext() if own is None else alone_in(own):
+            try:
+                for word in words:
+                    key = word.lstrip("+~").partition("=")[0]
+                    of_maze = re.match(r"(maze|engine|pretraining\.maze)\b", key)
+                    good = world == "maze" or not of_maze
+                    require(good, f"'{key}' must go with world=maze", f"world={world}")
+                for key in leaves(OmegaConf.to_container(cfg)):
+                    if unknown := unknown_setting(key, name, methods_of(cfg)):
+                        raise SettingsError(unknown)
+                if own is not None:
+                    setting = folder_setting(words, sweep=is_sweep())
+                    require_room(folder, setting, _LEAST_MB)
+                    keep_draws(own, cfg, words)
+                    remove_halves(folder)
+                settings: Settings = OmegaConf.to_object(cfg)  # type: ignore[assignment]
+                function(settings, folder)
+            except BaseException:
+                if not OmegaConf.select(cfg, "resume"):
+                    remove_refused(folder, own, before=before)
+                raise
+    except Exception as error:
+        sentence = sentence_of(error, name)
+        if not is_sweep() or sentence is None:
+            with _one_sentence(name, ()):
+                raise
+        # Hydra goes on with the next job, and raises the first error at the end.
+        print(f"{name}: {sentence} ({' '.join(words)})", file=sys.stderr)  # noqa: T201
+        refused = isinstance(error, REFUSALS)
+        raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
+
+
+@contextmanager
+def _one_sentence(name: str, jobs: Sequence[Path]) -> Iterator[None]:
+    """Say what is wrong with the settings or the engine, and end the process.
+
+    Of a sweep each job has said it; where it has several, the last line says so. Its
+    folder goes if it holds no run.
+    """
+    try:
+        yield
+    except _JobError as error:
+        for folder in filter(Path.is_dir, set(jobs)):
+            remove_unused(folder, {"multirun.yaml"})
+        if len(jobs) != 1:
+            said = "not all jobs of the sweep succeeded"
+            print(f"{name}: {said}", file=sys.stderr)  # noqa: T201
+        sys.exit(error.args[0])
+    except KeyboardInterrupt:
+        print(f"{name}: stopped by Ctrl-C", file=sys.stderr)  # noqa: T201
+        sys.exit(128 + signal.SIGINT)
+    except Exception as error:
+        if (sentence := sentence_of(error, name)) is None:
+            raise
+        print(f"{name}: {sentence}", file=sys.stderr)  # noqa: T201
+        sys.exit(_USAGE_ERROR if isinstance(error, REFUSALS) else _FAILED)
