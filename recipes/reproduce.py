@@ -64,6 +64,9 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     if experiment.recipe == "explore":
         table = reports.explore_table(groups, scripted, draws=settings.draws)
         figure = reports.experiment_curves(groups, scripted, title=experiment.title)
+    elif experiment.recipe == "navigate":
+        table = reports.navigate_table(groups, draws=settings.draws)
+        figure = reports.navigation_curves(groups, title=experiment.title)
     else:
         table = reports.pretrain_table(groups, draws=settings.draws)
         figure = reports.experiment_accuracies(groups, title=experiment.title)

@@ -15,7 +15,7 @@ from tests.forked import run_forked
         (
             ["experiment=table33"],
             "experiment must be one of fig14, table1, table2, table3, table4, table5, "
-            "table6, table7, got 'table33' (did you mean 'table3'?)",
+            "table6, table7, table8, table9, got 'table33' (did you mean 'table3'?)",
         ),
         (
             ["rows=[ours]"],

@@ -122,3 +122,49 @@ def test_draws_at_the_scale_of_the_paper_differ_by_seed(tmp_path: Path) -> None:
         one, two = (plain(cell.config)["loss"]["lr"] for cell in plan_cells(settings))
         assert 1e-4 <= one <= 5e-3
         assert one != two
+
+
+def test_a_rival_navigates_once_it_is_trained_on_the_map_of_ours(
+    tmp_path: Path,
+) -> None:
+    words = ["experiment=table9", "reproduce=smoke", f"runs={tmp_path}"]
+    words += ["most_mazes=2", "rows=[DQN]", "navigate_overrides=['evaluate.slow=7']"]
+    words += ["explore_overrides=['report.best_of=3']"]
+    with reproducing(*words) as settings:
+        cells = plan_cells(settings)
+        assert [(cell.row, cell.maze) for cell in cells] == [
+            (row, maze)
+            for row in ("ours", "DQN")
+            for maze in ("nothing closed", "a closed")
+        ]
+        ours, shut, dqn, dqn_shut = cells
+        assert [cell.recipe for cell in (dqn, *dqn.before)] == [
+            *("navigate", "explore", "explore")
+        ]
+        # Both are made in the open maze, once for all rows and closed slots.
+        assert {cell.first.key for cell in cells} == {ours.first.key}
+        assert ours.policy is None
+        assert dqn.policy.key == dqn_shut.policy.key != ours.first.key
+        trained = dqn.policy.config
+        assert (trained.loss.name, trained.reward.name) == ("dqn", "extrinsic")
+        assert (trained.maze.goal, list(trained.maze.blocked)) == (True, [])
+        assert (trained.report.best_of, ours.first.config.report.best_of) == (2, 3)
+        assert dqn.config.run == str(ours.first.folder)
+        assert dqn.config.navigator.policy == str(dqn.policy.folder)
+        assert list(dqn_shut.config.maze.blocked) == ["a"]
+        assert dqn.config.evaluate.slow == 7
+        assert len({cell.key for cell in cells}) == 4
+        said = run_words(dqn)
+        assert f"run='{ours.first.folder}'" in said
+        assert f"navigator.policy='{dqn.policy.folder}'" in said
+        assert dqn.folder.parent == tmp_path / "navigate"
+        assert missing_cells(cells) == [ours.first, ours, shut, dqn.policy, *cells[2:]]
+        # Six runs of 15 s, and a pre-training.
+        assert announce(settings, cells).startswith(
+            "table9: 6 of 6 runs are missing, and 1 pre-trainings; about 1.8 minutes"
+        )
+        # Elsewhere they are the same.
+        save(tmp_path / "by-hand", plain(dqn.policy.config))
+        again = plan_cells(settings)
+        assert again[2].policy.folder == tmp_path / "by-hand"
+        assert again[2].key == dqn.key

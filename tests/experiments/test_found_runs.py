@@ -36,7 +36,7 @@ def test_only_what_changes_a_result_changes_the_key() -> None:
 
 def test_a_run_is_found_at_any_depth(tmp_path: Path) -> None:
     folder = save(tmp_path / "by/hand/run-1", {**SETTINGS, "maze": {"name": "maze1"}})
-    save(tmp_path / "others", SETTINGS, recipe="navigate")
+    save(tmp_path / "others", SETTINGS, recipe="tour")
     (save(tmp_path / "broken", SETTINGS) / "config/config.yaml").write_text("a: [")
     key = run_key("explore", {**SETTINGS, "maze": {"name": "maze1"}})
     assert find_keys(tmp_path) == {key: folder}
@@ -80,6 +80,22 @@ def test_one_that_goes_on_is_not_finished(
     write_table(folder / "metrics.csv", [{"decisions": 400, "seconds": 9.0}])
     assert is_finished(folder) == finished
     save(folder, {"collect": collect | {"decisions": 400}})
+    assert is_finished(folder)
+
+
+def test_a_navigation_is_known_by_the_runs_that_it_plays(tmp_path: Path) -> None:
+    policy = save(tmp_path / "policy", SETTINGS)
+    settings = {"run": "run a", "navigator": {"policy": str(policy)}}
+    key = run_key("navigate", settings)
+    named = named_run(run_key("explore", SETTINGS))
+    assert run_key("navigate", {"run": "run a", "navigator": {"policy": named}}) == key
+    folder = save(tmp_path / "played", settings, recipe="navigate")
+    assert find_keys(tmp_path)[key] == folder
+    assert not is_finished(folder)
+    (folder / "summary.csv").touch()
+    assert not is_finished(folder)
+    row = {"policy": "navigator", "episode": 0, "goals": 1, "reward": 10.0}
+    write_table(folder / "episodes.csv", [row | {"first_goal": 5, "spl": 0.5}])
     assert is_finished(folder)
 
 

@@ -22,7 +22,8 @@ def pretrained(sweep: Path, seed: int) -> Path:
 
 def navigated(sweep: Path, seed: int) -> Path:
     folder = make_run(sweep, "navigate", seed=seed)
-    row = {"policy": "navigator", "goals": 3, "first_goal": 5, "spl": 0.5}
+    row = {"policy": "navigator", "goals": 3, "reward": 31.0}
+    row |= {"first_goal": 5, "spl": 0.5}
     write_table(folder / "episodes.csv", [row, row])
     return folder
 

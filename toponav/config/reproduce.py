@@ -1,5 +1,6 @@
 """The schema of ``recipes/reproduce.py``: experiments as data."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,9 +18,15 @@ class RowConfig(Settings):
     #: More of them at one scale alone.
     laptop_overrides: list[str] = field(default_factory=list)
     paper_overrides: list[str] = field(default_factory=list)
-    #: Settings of a run of the same recipe and seed that comes first; its folder is
-    #: ``{first}`` in the overrides.
+    #: Settings of a run with the same seed that comes first, of the same recipe or, if
+    #: that navigates, of an exploration; its folder is ``{first}`` in the overrides,
+    #: and ``{maze}`` stands for the setting that names the maze.
     first: list[str] = field(default_factory=list)
+    #: The same of another one, ``{policy}``, whose policy navigates; and more of its
+    #: settings at one scale alone.
+    policy: list[str] = field(default_factory=list)
+    laptop_policy: list[str] = field(default_factory=list)
+    paper_policy: list[str] = field(default_factory=list)
     #: The row whose runs with the same seeds these are compared with.
     against: str | None = None
     #: Mazes of this row alone; those of the experiment if there are none.
@@ -42,7 +49,7 @@ class ExperimentConfig(Settings):
     group = "experiment"
     name: str = MISSING
     title: str = MISSING
-    recipe: str = one_of("explore", "pretrain")
+    recipe: str = one_of("explore", "pretrain", "navigate")
     mazes: list[str] = MISSING
     overrides: list[str] = MISSING
     laptop_overrides: list[str] = field(default_factory=list)
@@ -75,8 +82,10 @@ class ReproduceConfig(Settings):
     rows: list[str] = MISSING
     explore_overrides: list[str] = MISSING
     pretrain_overrides: list[str] = MISSING
+    navigate_overrides: list[str] = MISSING
     explore_s: float | None = above(0)
     pretrain_s: float | None = above(0)
+    navigate_s: float | None = above(0)
     runs: str = MISSING
     folder: str = MISSING
     jobs: int = at_least(1)
@@ -98,6 +107,16 @@ class ReproduceConfig(Settings):
         """The settings of a row, or of all rows, at this scale."""
         scaled = {"laptop": given.laptop_overrides, "paper": given.paper_overrides}
         return [*given.overrides, *scaled.get(self.scale, [])]
+
+    def policy_of(self, row: RowConfig) -> list[str]:
+        """The settings of the run whose policy a row plays, at this scale."""
+        scaled = {"laptop": row.laptop_policy, "paper": row.paper_policy}
+        return [*row.policy, *(scaled.get(self.scale, []) if row.policy else [])]
+
+    def seconds_of(self, recipe: str) -> float:
+        """Seconds that a run of a recipe takes, by the settings; NaN if unknown."""
+        found: float | None = getattr(self, f"{recipe}_s")
+        return math.nan if found is None else found
 
 
 def maze_words(given: str) -> tuple[str, list[str]]:

@@ -1,7 +1,7 @@
 """`Cell`: a run of an experiment, from its row, maze and seed to its settings."""
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +23,9 @@ from toponav.experiments.found_runs import (
 )
 from toponav.refusals import sentence_of
 
-# In the settings of a row: the folder of the run that comes first.
-_FIRST = "{first}"
+# In the settings of a row: the folders of runs that come first, and in those of these
+# the setting that names the maze.
+_FIRST, _POLICY, _MAZE = "{first}", "{policy}", "{maze}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,15 @@ class Cell:
     config: DictConfig
     key: str
     folder: Path  # where it is, or will be
-    #: The run whose networks or policy it starts from.
+    #: The run whose networks, map or policy it starts from.
     first: "Cell | None" = None
+    #: The run whose policy navigates.
+    policy: "Cell | None" = None
+
+    @property
+    def before(self) -> "tuple[Cell, ...]":
+        """The runs that must be there first."""
+        return tuple(one for one in (self.first, self.policy) if one is not None)
 
     @property
     def name(self) -> str:
@@ -91,59 +99,96 @@ def _cells_of(
     recipe, base = settings.experiment.recipe, _base_words(settings)
     own = [*base, *words, *map(_quote, settings.overrides_of(row))]
     config = _compose(recipe, own, row.label)
-    earlier = _compose(recipe, [*base, *row.first], row.label) if row.first else None
+    before = "explore" if recipe == "navigate" else recipe
+    names = {_FIRST: f"{row.label} (first run)", _POLICY: f"{row.label} (policy)"}
+    lines = dict(_words_before(settings, row, words))
+    configs = {mark: _compose(before, line, row.label) for mark, line in lines.items()}
     for seed in range(settings.seeds):
-        first = None
-        if earlier is not None:
-            name, given = f"{row.label} (first run)", [*base, *row.first]
-            first = _make_cell(settings, name, "", seed, given, earlier, found)
-        yield _make_cell(settings, row.label, maze, seed, own, config, found, first)
+        earlier = {
+            mark: _make_cell(
+                settings, names[mark], "", before, line, seed, configs[mark], found
+            )
+            for mark, line in lines.items()
+        }
+        yield _make_cell(
+            settings, row.label, maze, recipe, own, seed, config, found, earlier
+        )
+
+
+def _words_before(
+    settings: ReproduceConfig, row: RowConfig, words: list[str]
+) -> Iterator[tuple[str, list[str]]]:
+    """What stands for the folder of a run that comes first, and its command line."""
+    base, explore = _base_words(settings), list[str]()
+    if settings.experiment.recipe == "navigate":
+        base, explore = _explore_words(settings), settings.explore_overrides
+    lines = {_POLICY: settings.policy_of(row)}
+    if row.first:
+        lines[_FIRST] = [*explore, *row.first]
+    for mark, given in lines.items():
+        if given:
+            # What else is chosen of the maze, such as closed slots, is not for these.
+            yield mark, [*base, *(word.replace(_MAZE, words[0]) for word in given)]
 
 
 def _base_words(settings: ReproduceConfig) -> list[str]:
     """Settings of all runs of the experiment."""
-    experiment, runs = settings.experiment, settings.runs
-    words = [f"scale={settings.scale}", *settings.overrides_of(experiment)]
+    experiment = settings.experiment
+    own = settings.overrides_of(experiment)
+    if experiment.recipe == "navigate":
+        given = [*map(_quote, own), *settings.navigate_overrides]
+        return [f"navigate={settings.scale}", *given]
     if experiment.recipe == "explore":
-        words.append(f"pretraining.folder='{runs}/pretrain'")
-        words.append(f"evaluate.random_folder='{runs}/baselines'")
-        return [*words, *settings.explore_overrides]
-    return [*words, *settings.pretrain_overrides]
+        return [*_explore_words(settings, own), *settings.explore_overrides]
+    return [f"scale={settings.scale}", *own, *settings.pretrain_overrides]
+
+
+def _explore_words(settings: ReproduceConfig, own: Sequence[str] = ()) -> list[str]:
+    runs = settings.runs
+    words = [f"scale={settings.scale}", *own, f"pretraining.folder='{runs}/pretrain'"]
+    return [*words, f"evaluate.random_folder='{runs}/baselines'"]
 
 
 def _make_cell(
     settings: ReproduceConfig,
     row: str,
     maze: str,
-    seed: int,
+    recipe: str,
     words: list[str],
+    seed: int,
     config: DictConfig,
     found: Mapping[str, Path],
-    first: Cell | None = None,
+    before: Mapping[str, Cell] | None = None,
 ) -> Cell:
-    """A cell of a composed configuration, with a seed."""
-    recipe, config = settings.experiment.recipe, copy.deepcopy(config)
+    """A cell of a composed configuration, with a seed.
+
+    ``before`` has the runs that come first by what stands for their folders.
+    """
+    config, before = copy.deepcopy(config), before or {}
     config.seed = seed
-    others = [name for name in OTHER_RUNS if config.get(name) == _FIRST]
-    if first is not None:
-        # The key must not depend on whether the first run is there yet.
-        for name in others:
-            config[name] = named_run(first.key)
+    others = {name: OmegaConf.select(config, name) for name in OTHER_RUNS}
+    others = {name: mark for name, mark in others.items() if mark in before}
+    # The key must not depend on whether the first runs are there yet.
+    for name, mark in others.items():
+        OmegaConf.update(config, name, named_run(before[mark].key))
     key = run_key(recipe, plain(config))
-    if first is not None:
-        for name in others:
-            config[name] = str(first.folder)
-        words = [word.replace(_FIRST, str(first.folder)) for word in words]
+    for name, mark in others.items():
+        OmegaConf.update(config, name, str(before[mark].folder))
+    for mark, one in before.items():
+        words = [word.replace(mark, str(one.folder)) for word in words]
     folder = found.get(key)
     if folder is None:
-        label = OmegaConf.select(config, "world.label")
+        label = OmegaConf.select(config, "world.label") or config.maze.name
         folder = Path(settings.runs) / recipe / f"{label}-{settings.scale}-{key}"
     given = (*words, f"seed={seed}")
-    return Cell(row, maze, seed, recipe, given, config, key, folder, first)
+    first, policy = (before.get(mark) for mark in (_FIRST, _POLICY))
+    return Cell(row, maze, seed, recipe, given, config, key, folder, first, policy)
 
 
 def _quote(word: str) -> str:
-    return word.replace(_FIRST, f"'{_FIRST}'")
+    for mark in (_FIRST, _POLICY):
+        word = word.replace(mark, f"'{mark}'")
+    return word
 
 
 def _compose(recipe: str, words: list[str], row: str) -> DictConfig:

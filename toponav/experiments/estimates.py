@@ -19,8 +19,8 @@ def missing_cells(cells: Sequence[Cell]) -> list[Cell]:
     """Cells that are not finished, each once, first runs before their followers."""
     wanted: dict[str, Cell] = {}
     for cell in cells:
-        for one in (cell.first, cell):
-            if one is not None and one.key not in wanted:
+        for one in (*cell.before, cell):
+            if one.key not in wanted:
                 wanted[one.key] = one
     return [cell for cell in wanted.values() if not is_finished(cell.folder)]
 
@@ -38,13 +38,13 @@ def expected_seconds(
         if is_finished(cell.folder) and not math.isnan(s := seconds_of(cell.folder)):
             measured.setdefault(cell.row, []).append(s)
     every = [one for times in measured.values() for one in times]
-    recipe = settings.experiment.recipe
-    figure = settings.explore_s if recipe == "explore" else settings.pretrain_s
-    usual = median(every) if every else math.nan if figure is None else figure
-    found = {
-        cell.key: median(measured[cell.row]) if cell.row in measured else usual
-        for cell in missing_cells(cells)
-    }
+    found = {}
+    for cell in missing_cells(cells):
+        usual = settings.seconds_of(cell.recipe)
+        if every and cell.recipe == settings.experiment.recipe:
+            usual = median(every)
+        own = measured.get(cell.row)
+        found[cell.key] = usual if own is None else median(own)
     return found, len(every)
 
 

@@ -16,6 +16,7 @@ from toponav.runs import (
     BrokenRunError,
     folders_of_runs,
     read_exploration,
+    read_navigation,
     read_pretraining,
     read_table,
 )
@@ -30,7 +31,7 @@ _NOT_RESULTS = frozenset(
     )
 )
 #: Settings that name the run of others.
-OTHER_RUNS = ("pretrained", "init_from", "init_policy")
+OTHER_RUNS = ("pretrained", "init_from", "init_policy", "run", "navigator.policy")
 _RUN = "run "
 
 
@@ -87,7 +88,7 @@ def read_keys(folders: list[Path]) -> Iterator[tuple[Path, str]]:
             recipe = OmegaConf.select(
                 read_yaml(saved / "hydra.yaml"), "hydra.job.config_name"
             )
-            if recipe in ("explore", "pretrain"):
+            if recipe in ("explore", "pretrain", "navigate"):
                 yield folder, run_key(recipe, plain(read_yaml(saved / "config.yaml")))
 
 
@@ -117,6 +118,9 @@ def is_finished(folder: Path) -> bool:
             # One that goes on with more decisions has the results of fewer.
             by_clock = OmegaConf.select(config, "collect.minutes") is not None
             return by_clock or decisions_of(folder) >= wanted
+        if (folder / "summary.csv").is_file():
+            read_navigation(folder)
+            return True
         read_pretraining(folder)
     except (BrokenRunError, SettingsError):
         return False

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from filelock import FileLock, Timeout
+from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from toponav.experiments.cells import Cell
@@ -87,10 +88,10 @@ class RunMaker:
 
     def _settled(self, cell: Cell) -> bool:
         """Whether there is nothing left to do for a cell."""
-        first = cell.first
-        if first is not None and first.key in self.failures:
-            reason = f"the run that it starts from failed: {self.failures[first.key]}"
-            self.failures[cell.key] = reason
+        for first in cell.before:
+            if first.key in self.failures:
+                why = f"the run that it starts from failed: {self.failures[first.key]}"
+                self.failures[cell.key] = why
         if cell.key in self.failures or cell.key in self._done:
             return True
         # Another process may have made it meanwhile.
@@ -99,7 +100,7 @@ class RunMaker:
     def _may_start(self, cell: Cell) -> bool:
         if cell.key in {job.cell.key for job in self._running}:
             return False
-        return cell.first is None or is_finished(cell.first.folder)
+        return all(is_finished(one.folder) for one in cell.before)
 
     def _start(self, cell: Cell) -> None:
         """Start the process of a cell, unless another one is at it."""
@@ -147,12 +148,16 @@ class RunMaker:
         left = sum(self.expected.get(one.key, math.nan) for one in waiting) * factor
         for job in self._running:
             took, cell = now - job.started, job.cell
+            should = self.expected.get(cell.key, math.nan) * factor - took
+            wanted = OmegaConf.select(cell.config, "collect.decisions")
+            if wanted is None:
+                texts.append(cell.name)
+                left += max(0.0, should)
+                continue
             made = decisions_of(cell.folder)
             rate = (made - job.decisions) / max(took, 1e-9)
-            wanted = float(cell.config.collect.decisions)
             texts.append(f"{cell.name} {made / wanted:.0%}, {rate:.0f} decisions/s")
             # By its own rate once it has one; what comes after it is not in it.
-            should = self.expected.get(cell.key, math.nan) * factor - took
             left += (wanted - made) / rate if rate > 0 else max(0.0, should)
         known = (
             f"about {hours(left / self.jobs)}" if not math.isnan(left) else "unknown"

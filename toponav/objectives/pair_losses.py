@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import cast
 
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, dispatch
@@ -33,7 +34,8 @@ class PairLoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        return [*self.network.in_keys, getattr(self.tensor_keys, self._wanted)]
+        read = cast(list[NestedKey], self.network.in_keys)
+        return [*read, getattr(self.tensor_keys, self._wanted)]
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

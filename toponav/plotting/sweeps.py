@@ -39,11 +39,12 @@ def draw_learning_curves(
     *,
     label: str,
     title: str = "",
+    x: str = "decisions of the training",
 ) -> Figure:
     """Draw the mean of each group of runs and a band from its worst to its best run.
 
     Groups are by panel and name, and so are ``levels``, values to mark with a line
-    across; ``label`` stands at the vertical axis.
+    across; ``label`` stands at the vertical axis and ``x`` at the other.
 
     Examples:
         >>> x, y = np.arange(3.0), np.array([40.0, 60.0, 80.0])
@@ -56,17 +57,17 @@ def draw_learning_curves(
     for axes, (heading, groups) in zip(grid, panels.items(), strict=True):
         colours = cycle(style.PALETTE)
         for (name, runs), colour in zip(groups.items(), colours, strict=False):
-            x, middle, low, high = band(runs)
+            at, middle, low, high = band(runs)
             count = f"{len(runs)} run{'s' * (len(runs) > 1)}"
             name = f"{name} ({count})" if name else count
-            axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-            axes.plot(x, middle, color=colour, linewidth=style.LINE, label=name)
+            axes.fill_between(at, low, high, color=colour, alpha=0.18, linewidth=0)
+            axes.plot(at, middle, color=colour, linewidth=style.LINE, label=name)
         marked = levels.get(heading, {})
-        style.add_levels(axes, {f"{name} {at:.1f}": at for name, at in marked.items()})
+        style.add_levels(axes, {f"{name} {of:.1f}": of for name, of in marked.items()})
         axes.set_xlim(left=0)
         axes.set_ylim(0, 102)
         style.show_thousands(axes)
-        labels = {"x": "decisions of the training", "y": label, "note": _BAND}
+        labels = {"x": x, "y": label, "note": _BAND}
         style.finish(axes, title=heading, legend="below", **labels)
     return figure
 

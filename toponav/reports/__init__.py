@@ -44,6 +44,10 @@ from toponav.reports.navigation_report import (
     write_success as write_success,
     write_walk as write_walk,
 )
+from toponav.reports.navigation_tables import (
+    navigate_table as navigate_table,
+    navigation_curves as navigation_curves,
+)
 from toponav.reports.pretraining_report import (
     progress_figures as progress_figures,
     summarize as summarize,

@@ -19,6 +19,7 @@ from toponav.metrics import (
     running_mean,
     top_mean,
 )
+from toponav.reports.navigation_report import WITHIN
 from toponav.reports.sweep_report import WINDOW
 from toponav.runs import Exploration, read_exploration, read_pretraining
 
@@ -40,6 +41,16 @@ PRETRAIN_COLUMNS = (
     *("TC accuracy (%)", "TC IQM (%)", "L accuracy (%)", "L IQM (%)"),
     *("waypoints (%)", "difference (%)"),
 )
+NAVIGATE_COLUMNS = (
+    *("goals", "goals (IQM)", "reward", "of the oracle (%)"),
+    *(f"success {time} (%)" for time in WITHIN),
+    "difference (goals)",
+)
+_COLUMNS = {
+    "explore": EXPLORE_COLUMNS,
+    "pretrain": PRETRAIN_COLUMNS,
+    "navigate": NAVIGATE_COLUMNS,
+}
 
 
 @dataclass(frozen=True)
@@ -63,8 +74,7 @@ def require_columns(experiment: ExperimentConfig) -> None:
     Raises:
         SettingsError: with the columns that there are.
     """
-    is_explore = experiment.recipe == "explore"
-    known = EXPLORE_COLUMNS if is_explore else PRETRAIN_COLUMNS
+    known = _COLUMNS[experiment.recipe]
     figures = [name for one in experiment.paper for name in one.values]
     for name in (*experiment.columns, *figures):
         rule = f"experiment.columns must be some of {', '.join(known)}"
@@ -98,18 +108,18 @@ def explore_table(
             if group.maze != maze:
                 continue
             found = list(read[group.row, maze].values())
-            entry = _head(group)
+            entry = group_head(group)
             if found:
                 values = covered[group.row, maze]
                 entry |= _coverage(pd.concat(map(_judged, found)), draws)
-                entry |= _estimates(_stack(values), draws)
+                entry |= _estimates(stack_runs(values), draws)
                 entry |= _training(found, group.before)
                 other = covered.get((group.against or "", maze), {})
                 entry |= _difference(values, other, draws)
                 key = (group.against or "", maze)
                 more = before.get(key, 0.0) - group.before
                 entry |= _saved(read[group.row, maze], read.get(key, {}), more, draws)
-            rows.append(entry | _paper(group))
+            rows.append(entry | paper_figures_of(group))
         tables = pd.DataFrame(scripted.get(maze, ()))
         for policy, table in (
             tables.groupby("policy", sort=False) if len(tables) else ()
@@ -118,15 +128,17 @@ def explore_table(
             entry = {"maze": maze, "row": str(policy), "runs": "-"}
             entry |= _coverage(percent, draws)
             rows.append(entry | _estimates(percent["score"].to_numpy(), draws))
-    return _ordered(rows, EXPLORE_COLUMNS)
+    return ordered_table(rows, EXPLORE_COLUMNS)
 
 
-def _head(group: Group) -> dict[str, Any]:
+def group_head(group: Group) -> dict[str, Any]:
+    """Maze and label of a row, and how many of its runs there are."""
     count = f"{len(group.runs)} of {group.wanted}"
     return {"maze": group.maze, "row": group.row, "runs": count}
 
 
-def _paper(group: Group) -> dict[str, float]:
+def paper_figures_of(group: Group) -> dict[str, float]:
+    """The paper's figures for a row, by what its columns are called here."""
     return {f"{PAPER}{name}": value for name, value in group.paper.items()}
 
 
@@ -134,7 +146,7 @@ def _judged(one: Exploration) -> pd.DataFrame:
     return one.evaluation[one.evaluation["policy"] == JUDGED]
 
 
-def _stack(values: Mapping[int, Floats]) -> Floats:
+def stack_runs(values: Mapping[int, Floats]) -> Floats:
     """``[R, E]``, of the episodes that all runs have."""
     least = min(map(len, values.values()))
     return np.stack([one[:least] for one in values.values()])
@@ -229,12 +241,12 @@ def pretrain_table(groups: Sequence[Group], *, draws: int) -> pd.DataFrame:
     rows = []
     for group in groups:
         found = read[group.row, group.maze]
-        entry = _head(group)
+        entry = group_head(group)
         if found:
             other = read.get((group.against or "", group.maze), {})
             entry |= _accuracies(found, other, draws)
-        rows.append(entry | _paper(group))
-    return _ordered(rows, PRETRAIN_COLUMNS)
+        rows.append(entry | paper_figures_of(group))
+    return ordered_table(rows, PRETRAIN_COLUMNS)
 
 
 def _accuracies(
@@ -245,7 +257,7 @@ def _accuracies(
 
     entry: dict[str, Any] = {}
     for label, name in (("TC", "accuracy"), ("L", "locomotion_accuracy")):
-        every = _stack(values(name))
+        every = stack_runs(values(name))
         if np.isfinite(every).all():
             entry[f"{label} accuracy (%)"] = bootstrap(every, draws=draws)
             entry[f"{label} IQM (%)"] = bootstrap(every, aggregate_iqm, draws=draws)
@@ -255,11 +267,13 @@ def _accuracies(
     if shares:
         # At the largest threshold, as the paper keeps them.
         last = max(shares, key=lambda name: float(name.rpartition("_")[2]))
-        entry["waypoints (%)"] = bootstrap(_stack(values(last)), draws=draws)
+        entry["waypoints (%)"] = bootstrap(stack_runs(values(last)), draws=draws)
     return entry | _difference(values("accuracy"), values("accuracy", other), draws)
 
 
-def _ordered(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
+def ordered_table(
+    rows: Sequence[Mapping[str, Any]], columns: Sequence[str]
+) -> pd.DataFrame:
     """Columns that some row has: maze and row, the measured ones, the paper's, runs."""
     there = dict.fromkeys(name for row in rows for name in row)
     paper = [name for name in there if name.startswith(PAPER)]

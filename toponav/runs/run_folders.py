@@ -264,13 +264,13 @@ def read_exploration(folder: Path) -> Exploration:
 
 
 def read_navigation(folder: Path) -> pd.DataFrame:
-    """The table ``episodes.csv`` of a finished navigation.
+    """The episodes of a finished navigation, a row for each of each policy.
 
     Raises:
         BrokenRunError: if it has not finished, a column is missing, or an episode does
             not say how many goals were reached in it.
     """
-    columns = ("policy", "goals", "first_goal", "spl")
+    columns = ("policy", "goals", "reward", "first_goal", "spl")
     episodes = read_table(folder / "episodes.csv", columns)
     if not np.isfinite(episodes["goals"]).all():
         raise BrokenRunError("has episodes without goals")
