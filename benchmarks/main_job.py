@@ -1,7 +1,10 @@
-"""The main job as users run it, from nothing: how long each phase takes, and why.
+r"""The main job as users run it, from nothing: how long each phase takes, and why.
 
     python benchmarks/main_job.py --mazes maze3 --seeds 101 102 103 \
         --out results/main_job.json
+    python benchmarks/main_job.py --seeds 101 --work runs/first_look --out \
+        results/first_look.json pretrained=package:maze3 collect.decisions=40000 \
+        evaluate.episodes=2 evaluate.random_episodes=2
 
 ``recipes/explore.py maze=... reward.alpha=0.2`` runs in a process of its own with empty
 folders, so that nothing is found again: it pre-trains, explores with map, log, pictures
@@ -177,6 +180,8 @@ def main() -> None:
     # The mean over the runs, against the roof of the phase.
     phases = {}
     for name, roof in least.items():
+        if name not in runs[0]["phases"]:  # networks were given
+            continue
         took = [one["phases"][name]["seconds"] for one in runs]
         busy = [one["phases"][name]["busy"] for one in runs]
         mean = sum(took) / len(took)

@@ -1,0 +1,78 @@
+"""From random walks to a walk to a picture, in four painted rooms of MiniGrid.
+
+pip install minigrid; python examples/curious_minigrid.py --seed 0
+"""
+
+import argparse
+from functools import partial
+
+import torch
+from painted_rooms import make_env
+from tensordict.nn import TensorDictModule, TensorDictSequential
+from torchrl.collectors import Collector
+from torchrl.envs import InitTracker
+
+from toponav import data, graph, keys, modules, objectives, transforms
+from toponav.policies import RandomPolicy
+
+parser = argparse.ArgumentParser()
+for name, number in (("seed", 0), ("walks", 25), ("updates", 1500), ("batches", 50)):
+    parser.add_argument(f"--{name}", type=int, default=number)
+given = parser.parse_args()
+torch.manual_seed(given.seed)
+make_env = partial(make_env, envs=16, length=256, seed=given.seed)
+collect = partial(Collector, frames_per_batch=4096)  # 16 whole episodes, [16, 256]
+
+
+def squares(batch):
+    """Mean number that an episode has entered, for the report alone."""
+    return batch["next"][keys.PLACES][:, -1].float().mean().item()
+
+
+# Random walks teach which views are close in time, and which action leads to another.
+walks = torch.cat([*collect(make_env(), None, total_frames=4096 * given.walks)])
+encoder = modules.SmallEncoder(64, image_size=(56, 56))
+network = modules.TCNetwork(encoder, modules.ConcatComparator(64))
+head = modules.LocomotionHead(64, num_actions=3)
+pairs = data.MinedPairs(walks, embed_tc=network.embed, in_key=keys.PIXELS)
+tc_loss, l_loss = objectives.TCLoss(network.comparator), objectives.LLoss(head)
+optimizer = torch.optim.AdamW([*network.parameters(), *head.parameters()], 1e-3)
+for _ in range(given.updates):
+    tc_pairs, l_pairs = pairs()
+    optimizer.zero_grad()
+    (tc_loss(tc_pairs)["loss_tc"] + l_loss(l_pairs)["loss_locomotion"]).backward()
+    optimizer.step()
+embeddings = map(network.eval().embed, walks[-16:][keys.PIXELS])
+seen = [graph.WalkWaypoints(one, network) for one in embeddings]
+
+# PPO explores for novelty; by the threshold a twentieth of random walks' views is new.
+threshold = graph.calibrate_share(seen, target_share=0.05).threshold
+policy = modules.ActorCritic(num_actions=3, embedding_dim=64)
+novelty = transforms.make_novelty_reward(network, threshold)
+env = make_env(*novelty, *transforms.make_policy_inputs(policy))
+loss = objectives.RecurrentPPOLoss(policy).make_value_estimator(gamma=0.99, lmbda=0.95)
+loss.set_keys(reward=keys.SCALED_REWARD)
+scale = objectives.ReturnScale(16)
+cut = objectives.SequenceMinibatches(32, num_minibatches=4)
+optimizer = torch.optim.Adam(policy.parameters(), 3e-4)
+for batch in collect(env, policy, total_frames=4096 * given.batches):
+    loss.estimate_advantage(scale(batch))
+    for part in (part for _ in range(4) for part in cut(batch)):
+        found = loss(part)
+        optimizer.zero_grad()
+        sum(found[f"loss_{n}"] for n in ("objective", "critic", "entropy")).backward()
+        torch.nn.utils.clip_grad_norm_(policy.parameters(), 0.5)
+        optimizer.step()
+    print(f"explorer: {squares(batch):.1f} squares, random: {squares(walks):.1f}")
+
+# Its last episodes become a map, over which a navigator walks to pictures of them.
+known = graph.TopologicalMap(network.embed, network.compare, graph.calibrate_map(seen))
+for episode in batch:
+    known.add_episode(episode)
+shown, there = batch[keys.PIXELS][:, 128:129], batch[keys.POSITION][:, 128:129]
+show = TensorDictModule(lambda _: shown, [keys.PIXELS], [keys.GOAL_VIEWS])
+walkers = {"navigator": graph.Navigator.over(known, head), "random": RandomPolicy(3)}
+for name, walker in walkers.items():
+    walk = make_env(InitTracker()).rollout(256, TensorDictSequential(show, walker))
+    away = (walk["next"][keys.POSITION] - there).abs().sum(-1).min(1).values
+    print(f"{name}: {(away <= 1).sum()} of 16 places in pictures reached")
