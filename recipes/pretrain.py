@@ -101,6 +101,11 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                     held_out = collect_held_out(settings, worlds, progress=stop.check)
                 validate = Validation(networks, settings, held_out, autocast=autocast)
 
+                def show_map() -> None:
+                    progress = f"{trainer.updates:,} of {train.updates:,} updates"
+                    write_walk_map(folder, validate, worlds[0], progress)
+
+                show_map()  # of networks that know nothing yet, to compare with
                 while trainer.updates < train.updates and not stop.requested:
                     # Collect the decisions that are due before this update.
                     if decisions < decisions_due(settings, trainer.updates):
@@ -121,8 +126,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                         bar.set_description("validate")
                         history.append(measure() | losses)
                         write_measurements(folder, loggers, history)
-                        progress = f"{trainer.updates:,} of {train.updates:,} updates"
-                        write_walk_map(folder, validate, worlds[0], progress)
+                        show_map()
                         bar.set_postfix(progress_figures(history[-1]))
 
                     # Save, now and then and at the end.

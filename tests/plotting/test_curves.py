@@ -113,8 +113,12 @@ def test_a_run_that_has_just_begun_shows_the_levels_alone(
 
 def test_a_run_without_a_whole_episode_shows_those_that_run_and_says_so() -> None:
     metrics = METRICS | {"running_coverage": [0.1, 0.2, 0.3]}
+    metrics |= {"running_waypoints": [2.0, 3.0, 5.0]}
     figure = draw_training([], metrics, levels={})
-    coverage, paid, *_ = figure.axes
+    coverage, paid, waypoints, *_ = figure.axes
+    assert lines(waypoints) == {
+        "running episodes so far": (METRICS["decisions"], [2.0, 3.0, 5.0])
+    }
     assert lines(coverage) == {
         "running episodes so far": (METRICS["decisions"], [0.1, 0.2, 0.3])
     }

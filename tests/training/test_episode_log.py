@@ -86,12 +86,13 @@ def test_the_last_whole_episode_of_the_first_environment_is_kept() -> None:
     assert torch.equal(log.last_episode["next", INTRINSIC_REWARD][32:], last)
 
 
-def test_episodes_that_run_have_covered_something_too() -> None:
+def test_episodes_that_run_have_seen_something_too() -> None:
     config, log = explore_settings(), make_log(2)
     batch = make_batch(config, envs=(0, 1))
     coverage = batch["next", "privileged", "coverage"]
     coverage[0, -1], coverage[1, -1] = 0.25, 0.5
-    assert log.extend(batch) == {"running_coverage": 0.375}
+    batch["next", "num_waypoints"][:, -1] = torch.tensor([[3], [4]])
+    assert log.extend(batch) == {"running_coverage": 0.375, "running_waypoints": 3.5}
 
 
 def test_episodes_that_run_go_on_in_a_resumed_run() -> None:

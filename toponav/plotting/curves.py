@@ -85,9 +85,7 @@ def draw_training(
     if has_coverage:
         axes = figure.add_subplot(grid[0, :6])
         _draw_episodes(axes, per_episode, "coverage", style.BLUE, window)
-        if has_running:
-            x, y = reported["decisions"], reported["running_coverage"]
-            axes.plot(x, y, c=style.SKY, lw=style.THIN, label="running episodes so far")
+        _draw_running(axes, reported, "running_coverage")
         style.add_levels(axes, {f"{name} {at:.0%}": at for name, at in levels.items()})
         style.show_percent(axes)
         heading = "Coverage of the training's episodes"
@@ -100,6 +98,7 @@ def draw_training(
         axes = figure.add_subplot(grid[1, number * width : (number + 1) * width])
         _draw_columns(axes, table, names, window if table is per_episode else None)
         if heading == _EPISODES_WAYPOINTS:
+            _draw_running(axes, reported, "running_waypoints")
             axes.set_ylim(bottom=0)
         empty = _NO_EPISODE if heading == _EPISODES_WAYPOINTS else _NO_ROW
         style.finish(axes, title=heading, x=_X, empty=empty)
@@ -128,6 +127,12 @@ def _draw_episodes(
     axes.plot(x, y, ".", color=colour, alpha=0.3, markersize=4, label="episodes")
     label = f"mean of the last {window}"
     axes.plot(x, running_mean(y, window), c=colour, lw=style.LINE, label=label)
+
+
+def _draw_running(axes: Axes, metrics: pd.DataFrame, name: str) -> None:
+    if _has_values(metrics, name):
+        x, label = metrics["decisions"], "running episodes so far"
+        axes.plot(x, metrics[name], c=style.SKY, lw=style.THIN, label=label)
 
 
 def _draw_return(

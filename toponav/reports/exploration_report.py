@@ -23,7 +23,7 @@ from toponav.training import EpisodeLog, ExplorationState, Row, mean_of
 _CORRELATED = 100
 _START = {"decisions": 0, "seconds": 0.0}
 #: Columns by other words in the progress bar.
-_WORDS = {"running_coverage": "running coverage", "intrinsic_return": "return"}
+_WORDS = {"intrinsic_return": "return"}
 _WORDS |= {"loss_objective": "objective", "loss_critic": "critic"}
 
 
@@ -135,16 +135,20 @@ def format_progress(row: Row) -> str:
     """A row of metrics in a few words; before the first episode ended, its losses.
 
     Examples:
-        >>> row = {"coverage": math.nan, "running_coverage": 0.1, "loss_critic": 0.1}
+        >>> row = {"coverage": math.nan, "running_coverage": 0.1}
+        >>> row |= {"running_waypoints": 3.0}
         >>> format_progress(row | {"loss_objective": -0.004, "entropy": 1.75})
-        'running coverage 10%, objective -0.004, critic 0.100, entropy 1.75'
+        'running coverage 10%, running waypoints 3, objective -0.004, entropy 1.75'
     """
-    # Until the first episode ends, what those that run have covered.
-    first = "running_coverage" if math.isnan(row.get("coverage", 0.0)) else "coverage"
-    formats = {first: ".0%", "waypoints": ".0f", "intrinsic_return": ".0f"}
-    formats |= {"loss_objective": ".3f", "loss_critic": ".3f", "entropy": ".2f"}
+    formats = {"coverage": ".0%", "waypoints": ".0f"}
+    # Until the first episode ends, what those that run have seen.
+    has_ended = not all(math.isnan(row.get(name, math.nan)) for name in formats)
+    if not has_ended:
+        formats = {f"running_{name}": form for name, form in formats.items()}
+    formats |= {"intrinsic_return": ".0f", "loss_objective": ".3f"}
+    formats |= {"loss_critic": ".3f", "entropy": ".2f"}
     return ", ".join(
-        f"{_WORDS.get(name, name)} {row[name]:{form}}"
+        f"{_WORDS.get(name, name.replace('_', ' '))} {row[name]:{form}}"
         for name, form in formats.items()
         if not math.isnan(row.get(name, math.nan))
     )

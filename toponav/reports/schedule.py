@@ -20,8 +20,10 @@ EVALUATE = "evaluate and finish map and networks"
 
 #: Seconds on two cores of an AMD EPYC 9005, by ``results/main_job.json``: of the
 #: laptop scale's pre-training, a decision of exploring, an update of the L-network's
-#: head, a decision of the evaluation. Other machines take longer by about one factor.
-_PRETRAIN_S, _EXPLORE_S, _HEAD_S, _EVALUATE_S = 290.0, 0.6e-3, 19e-3, 0.8e-3
+#: head, a decision of the evaluation, and a decision of exploring in a map by poses.
+#: Other machines take longer by about one factor.
+_PRETRAIN_S, _EXPLORE_S, _HEAD_S, _EVALUATE_S = 255.0, 0.6e-3, 19e-3, 0.8e-3
+_POSES_S = 0.15e-3
 
 
 class Schedule:
@@ -141,6 +143,8 @@ def explore_schedule(settings: ExploreConfig, folder: Path) -> Schedule:
     decisions = 2 * settings.evaluate.episodes * settings.world.episode_length
     expected[EVALUATE] = decisions * _EVALUATE_S
     by_poses = settings.maps_by_poses(effects_known=settings.world.group == "maze")
+    if by_poses:
+        expected[EVALUATE] += collect.decisions * _POSES_S
     # Beside the evaluation, a core each.
     if has_networks and settings.trains_head(by_poses=by_poses):
         tuning = settings.locomotion.updates * _HEAD_S

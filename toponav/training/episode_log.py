@@ -58,7 +58,8 @@ class EpisodeLog(Consumer):
         """Count a batch ``[E, T]``; the episodes that it finished are in `ended`.
 
         Returns:
-            With ground truth, how much the episodes that run have covered, a mean.
+            What is read at an episode's end, such as coverage and waypoints, of the
+            episodes that run so far: means by name, after ``running_``.
         """
         self.decisions += batch.numel()
         later = batch.get("next")
@@ -83,9 +84,10 @@ class EpisodeLog(Consumer):
         self._totals[:, envs] += (rewards * rest).sum(-1)
         self._keep_first(batch, envs, done)
         self.rows += self.ended
-        if "coverage" not in self.ends:
-            return {}
-        return {"running_coverage": float(later.get(keys.COVERAGE)[:, -1].mean())}
+        return {
+            f"running_{name}": float(later.get(key)[:, -1].double().mean())
+            for name, key in self.ends.items()
+        }
 
     @property
     def shown_episode(self) -> TensorDictBase | None:
