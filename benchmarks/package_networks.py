@@ -1,7 +1,10 @@
-"""Puts the networks of pre-trainings into the package, as ``package:<maze>``.
+r"""Puts the networks of pre-trainings into the package, as ``package:<maze>``.
 
-    python recipes/pretrain.py -m maze=maze1,maze2,maze3,select model=tiny
-    python benchmarks/package_networks.py multirun/pretrain/...
+    python recipes/pretrain.py -m maze=maze1,maze2,select model=tiny \
+        train.updates=600 collect.decisions=80896 train.threads=1
+    python recipes/pretrain.py maze=maze3 model=tiny \
+        train.updates=1000 collect.decisions=100352 train.threads=1
+    python benchmarks/package_networks.py <the sweep> <the run>
 
 The weights are rounded to float16 and computed with in float32; thresholds are kept as
 they are. What was put there is measured as any networks are, and `recipes/report.py`
