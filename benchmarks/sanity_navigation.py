@@ -129,7 +129,7 @@ class Catch(Game):
         row, ball, hand = state.unbind(-1)
         small = torch.zeros(len(state), 9, 9, dtype=torch.uint8)
         every = torch.arange(len(state))
-        small[every, 8, hand] = 128
+        small[every, 8, hand] = 127
         small[every, row, ball] = 255
         large = small.repeat_interleave(CELL, 1).repeat_interleave(CELL, 2)
         return large.unsqueeze(-1).repeat(1, 1, 1, 3)

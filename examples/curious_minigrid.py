@@ -30,10 +30,12 @@ def squares(batch):
 
 
 # Random walks teach which views are close in time, and which action leads to another.
-walks = torch.cat([*collect(make_env(), None, total_frames=4096 * given.walks)])
+rooms = make_env()
+actions = rooms.world.num_actions
+walks = torch.cat([*collect(rooms, None, total_frames=4096 * given.walks)])
 encoder = modules.SmallEncoder(64, image_size=(56, 56))
 network = modules.TCNetwork(encoder, modules.ConcatComparator(64))
-head = modules.LocomotionHead(64, num_actions=3)
+head = modules.LocomotionHead(64, num_actions=actions)
 pairs = data.MinedPairs(walks, embed_tc=network.embed, in_key=keys.PIXELS)
 tc_loss, l_loss = objectives.TCLoss(network.comparator), objectives.LLoss(head)
 optimizer = torch.optim.AdamW([*network.parameters(), *head.parameters()], 1e-3)
@@ -47,7 +49,7 @@ seen = [graph.WalkWaypoints(one, network) for one in embeddings]
 
 # PPO explores for novelty; by the threshold a twentieth of random walks' views is new.
 threshold = graph.calibrate_share(seen, target_share=0.05).threshold
-policy = modules.ActorCritic(num_actions=3, embedding_dim=64)
+policy = modules.ActorCritic(num_actions=actions, embedding_dim=64)
 novelty = transforms.make_novelty_reward(network, threshold)
 env = make_env(*novelty, *transforms.make_policy_inputs(policy))
 loss = objectives.RecurrentPPOLoss(policy).make_value_estimator(gamma=0.99, lmbda=0.95)
@@ -69,10 +71,10 @@ for batch in collect(env, policy, total_frames=4096 * given.batches):
 known = graph.TopologicalMap(network.embed, network.compare, graph.calibrate_map(seen))
 for episode in batch:
     known.add_episode(episode)
-shown, there = batch[keys.PIXELS][:, 128:129], batch[keys.POSITION][:, 128:129]
+shown, there = batch[keys.PIXELS][:, 99:100], batch[keys.POSITION][:, 99:100]
 show = TensorDictModule(lambda _: shown, [keys.PIXELS], [keys.GOAL_VIEWS])
-walkers = {"navigator": graph.Navigator.over(known, head), "random": RandomPolicy(3)}
-for name, walker in walkers.items():
+navigator = graph.Navigator.over(known, head)
+for name, walker in (("navigator", navigator), ("random", RandomPolicy(actions))):
     walk = make_env(InitTracker()).rollout(256, TensorDictSequential(show, walker))
     away = (walk["next"][keys.POSITION] - there).abs().sum(-1).min(1).values
     print(f"{name}: {(away <= 1).sum()} of 16 places in pictures reached")

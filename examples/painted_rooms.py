@@ -2,6 +2,7 @@
 
 import gymnasium
 from gymnasium.utils import seeding
+from minigrid.core.actions import Actions
 from minigrid.envs import FourRoomsEnv
 from torchrl.envs import Compose, StepCounter, Transform, TransformedEnv
 
@@ -36,7 +37,7 @@ def make_env(*steps: Transform, envs: int, length: int, seed: int) -> Transforme
     choices = GymChoices(
         options={"max_steps": length + 1},  # its own end would count as a failure
         wrappers=["minigrid.wrappers.RGBImgPartialObsWrapper"],
-        actions=[0, 1, 2],
+        actions=[Actions.left, Actions.right, Actions.forward],
         position=["agent_pos.0", "agent_pos.1"],
     )
     env = make_pixel_env(
