@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import pytest
 import torch
 
 from benchmarks import faults
@@ -21,25 +20,3 @@ def test_a_damaged_file_of_each_kind_is_found(tmp_path: Path) -> None:
     (tmp_path / "d.xyz").touch()
     found = [name.partition(":")[0] for name in faults.broken_files(tmp_path)]
     assert found == ["a.pt", "b.csv", "c.json", "d.xyz"]
-
-
-@pytest.mark.slow
-def test_six_explorations_at_once_share_a_pretraining_and_nothing_else(
-    tmp_path: Path,
-) -> None:
-    found = faults.start_together(tmp_path / "all", [faults.EXPLORE_ANEW] * 6)
-    assert found.pop("started_within_s") < 10
-    assert found.pop("minutes") > 0
-    assert found == {
-        "started": 6,
-        "ended_well": 6,
-        "folders": {"explore": 6},
-        "hangs": 0,
-        "tracebacks": 0,
-        "said": [],
-        "broken": [],
-        "stray": [],
-        "left": [],
-    }
-    made = list((tmp_path / "all" / "run" / "runs").rglob("networks.pt"))
-    assert len(made) == 7  # of the pre-training, and a copy in each run
