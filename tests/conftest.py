@@ -12,6 +12,8 @@ import pytest
 import torch
 from hypothesis import settings
 
+from tests.explored import Explored, make_run, navigate_settings
+from toponav.builders import load_exploration
 from toponav.envs.engines.doom import instances
 
 torch.set_num_threads(1)
@@ -38,6 +40,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def _is_slow(item: pytest.Item) -> bool:
     return item.get_closest_marker("slow") is not None
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run folder of an exploration of a ring, of networks never trained."""
+    path = tmp_path_factory.mktemp("explored") / "run"
+    make_run(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def explored(folder: Path) -> Explored:
+    """What it found."""
+    return load_exploration(navigate_settings(folder))
 
 
 @pytest.fixture(autouse=True)

@@ -7,23 +7,37 @@ import torch
 from omegaconf import OmegaConf
 
 from tests.exploring import explore_settings, world_of
+from tests.test_conf import settings
 from toponav.builders import (
     MAP_FILE,
     PLACES_FILE,
     POSES_FILE,
+    AgentKnowledge,
+    GroundTruth,
     load_networks,
     make_layout,
     make_networks,
     save_networks,
     save_places,
 )
-from toponav.config import ExploreConfig
+from toponav.config import ExploreConfig, NavigateConfig
 from toponav.graph import save_map
 from toponav.training.place_training import PlaceRules, train_places
 
 RING = "*****\n*   *\n* *a*\n*   *\n*****\n"
 #: Views of a cell, one in each direction.
 DIRECTIONS = (0.0, 90.0, 180.0, 270.0)
+
+
+#: What a navigation starts from.
+Explored = tuple[AgentKnowledge, GroundTruth]
+
+
+def navigate_settings(folder: Path | None, *overrides: str) -> NavigateConfig:
+    run = ["maze=maze1"] if folder is None else [f"run={folder}"]
+    found = settings("navigate", "navigate=smoke", *run, *overrides)
+    assert isinstance(found, NavigateConfig)
+    return found
 
 
 def make_run(folder: Path, *overrides: str, poses: bool = False) -> ExploreConfig:

@@ -10,12 +10,10 @@ import torch
 from tensordict import TensorDict
 
 from tests.envs import fake_engine
-from tests.explored import make_run, write_map
-from tests.test_conf import settings
+from tests.explored import Explored, make_run, navigate_settings, write_map
 from toponav.builders import (
     MAP_FILE,
     POSES_FILE,
-    AgentKnowledge,
     GroundTruth,
     load_exploration,
     make_goal_places,
@@ -27,27 +25,6 @@ from toponav.config import NavigateConfig, SettingsError, run_setting
 from toponav.envs import DEFAULT_ENGINE, ENGINES, Layout
 from toponav.ground_truth import GroundTruthDistances
 from toponav.keys import GOAL_CELL, HEADING, PIXELS, POSITION
-
-Explored = tuple[AgentKnowledge, GroundTruth]
-
-
-def navigate_settings(folder: Path | None, *overrides: str) -> NavigateConfig:
-    run = ["maze=maze1"] if folder is None else [f"run={folder}"]
-    found = settings("navigate", "navigate=smoke", *run, *overrides)
-    assert isinstance(found, NavigateConfig)
-    return found
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("explored") / "run"
-    make_run(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def explored(folder: Path) -> Explored:
-    return load_exploration(navigate_settings(folder))
 
 
 def test_what_was_explored_comes_back_whole(explored: Explored) -> None:

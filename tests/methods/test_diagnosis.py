@@ -1,14 +1,11 @@
 """Navigators that are told the truth, and the plain one, which never is."""
 
-from pathlib import Path
-
 import pytest
 import torch
 from tensordict import TensorDict
 
-from tests.builders.test_navigation import Explored, navigate_settings
-from tests.explored import make_run
-from toponav.builders import load_exploration, make_goal_places
+from tests.explored import Explored, navigate_settings
+from toponav.builders import make_goal_places
 from toponav.config import SettingsError
 from toponav.keys import (
     ACTION,
@@ -29,18 +26,6 @@ from toponav.reports import play_policies
 # The ring's cells, row by row, have four waypoints each, looking east, north, west and
 # south from its middle. Actions: 0 forward, 2 left, 3 right, 4 and 5 both at once.
 RING = ((1, 1), (1, 2), (1, 3), (2, 1), (2, 3), (3, 1), (3, 2), (3, 3))
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("explored") / "run"
-    make_run(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def explored(folder: Path) -> Explored:
-    return load_exploration(navigate_settings(folder))
 
 
 def stand(explored: Explored, cell: tuple[int, int], heading: float) -> TensorDict:

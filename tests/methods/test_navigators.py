@@ -12,8 +12,7 @@ from omegaconf import MISSING
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
 
-from tests.builders.test_navigation import Explored, navigate_settings
-from tests.explored import make_run
+from tests.explored import Explored, make_run, navigate_settings
 from tests.test_conf import settings
 from toponav.builders import (
     GoalPlaces,
@@ -45,18 +44,6 @@ from toponav.methods.navigators import (
     warn_of_goals,
 )
 from toponav.reports import episode_table, play_policies, summary_row
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("explored") / "run"
-    make_run(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def explored(folder: Path) -> Explored:
-    return load_exploration(navigate_settings(folder))
 
 
 def topological(*overrides: str) -> TopologicalConfig:

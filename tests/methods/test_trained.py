@@ -6,11 +6,10 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tests.builders.test_navigation import Explored, navigate_settings
-from tests.explored import RING, make_run
+from tests.explored import RING, Explored, navigate_settings
 from tests.exploring import explore_settings, world_of
 from toponav import keys
-from toponav.builders import load_exploration, make_goal_places, save_policy
+from toponav.builders import make_goal_places, save_policy
 from toponav.config import SettingsError
 from toponav.methods import LEARNERS
 from toponav.methods.navigators import NAVIGATORS, TrainedPolicy, make_policies
@@ -18,18 +17,6 @@ from toponav.reports import episode_table, play_policies
 
 #: Of an exploration that trains a rival in the ring.
 WORDS = ("reward=extrinsic", "maze.goal=true", "policy.view_size=36")
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("explored") / "run"
-    make_run(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def explored(folder: Path) -> Explored:
-    return load_exploration(navigate_settings(folder))
 
 
 def train(folder: Path, loss: str, *words: str) -> Path:
