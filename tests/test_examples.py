@@ -45,5 +45,4 @@ def test_a_whole_program_in_another_world() -> None:
     assert len(explored) == 2
     # Of 260; nothing is learned yet, and both walk.
     assert all(10 < float(number) < 260 for row in explored for number in row)
-    reached = dict(re.findall(r"(\w+): (\d+) of 16 places", said))
-    assert set(reached) == {"navigator", "random"}
+    assert re.search(r"map: [\d,]+ waypoints, [\d,]+ edges\n", said)
