@@ -71,7 +71,7 @@ def measure(run: Path, copy: Path, within: float | None) -> dict[str, Any]:
     start = time.process_time()
     views = None if within is None else growth.consolidate()
     if views is not None:
-        growth.learn_places(*views, copy)
+        growth.learn_places(*views)
     seconds = time.process_time() - start
     growth.write(copy)
     growth.wait()

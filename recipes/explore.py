@@ -49,7 +49,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     baselines = reports.start_baselines(settings, world)
     if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
         schedule.begin(reports.PRETRAIN)
-        networks = builders.prepare_networks(settings, world, folder, PRETRAIN)
+        networks = builders.prepare_networks(
+            settings, world, folder, PRETRAIN, environment=schedule.environment()
+        )
     settings = settings.resolved(None if networks is None else networks.model)
 
     # What explores, and the consumers of what it does: learner, reward, map, log.
@@ -127,7 +129,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     schedule.begin(reports.EVALUATE)
     policies = training.trained_policies(settings, world, learner, consumers)
     training.finish(consumers, folder, beside=False)
-    with reports.evaluating(settings, world, explorer, policies) as evaluation:
+    with reports.evaluating(
+        settings, world, explorer, policies, show=schedule.show
+    ) as evaluation:
         training.finish(consumers, folder, beside=True)
         learned = evaluation.result()
     if networks is not None:

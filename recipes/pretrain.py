@@ -41,6 +41,9 @@ from toponav.config import PretrainConfig
 from toponav.launch import recipe
 from toponav.methods import make_worlds
 from toponav.reports import (
+    PRETRAIN,
+    pretrain_schedule,
+    pretrained_share,
     progress_figures,
     summarize,
     write_measurements,
@@ -61,6 +64,7 @@ from toponav.training import (
 @recipe("pretrain")
 def main(settings: PretrainConfig, folder: Path) -> None:
     """Collect, train, validate, calibrate, report."""
+    schedule = pretrain_schedule()
     train, worlds, started = settings.train, make_worlds(settings), time.monotonic()
     prepare_process(threads=train.threads, seed=settings.seed)
     device = make_device(settings.device)
@@ -77,7 +81,10 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     history = restore_training(folder, networks, trainer) if settings.resume else []
     started -= history[-1]["seconds"] if history else 0.0
 
-    loggers = make_loggers(folder, trainer.updates)
+    before = trainer.updates
+    schedule.begin(PRETRAIN, rest=1 - before / max(train.updates, 1))
+
+    loggers = make_loggers(folder, before)
     decisions, saved = 0, time.monotonic()
 
     def measure() -> dict[str, float]:
@@ -120,6 +127,8 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                     bar.set_description("train", refresh=False)
                     bar.update()
                     is_last = trainer.updates == train.updates
+                    done = (trainer.updates - before) / (train.updates - before)
+                    schedule.show(pretrained_share(done))
 
                     # Measure on the held-out episodes.
                     if is_last or trainer.updates % settings.validate.every == 0:

@@ -288,6 +288,28 @@ def test_a_sweep_with_a3c_on_pixels_and_networks_that_learn(
 
 
 @pytest.mark.slow
+def test_a_sweep_over_seeds_shares_a_pretraining_and_the_baselines(
+    tmp_path: Path,
+) -> None:
+    done = explore(
+        *SHORT,
+        f"pretraining.folder={tmp_path}/pretrain",
+        f"evaluate.random_folder={tmp_path}/random",
+        f"hydra.sweep.dir={tmp_path}/sweep",
+        "hydra.sweep.subdir=${seed}",
+        "seed=0,1",
+        "-m",
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "pretrain").rglob("networks.pt"))) == 1
+    assert done.stdout.count("decisions, 20 updates in ") == 1
+    assert len(list((tmp_path / "random").glob("*.json"))) == 1
+    tables = [rows(tmp_path / "sweep" / seed / "evaluation.csv") for seed in "01"]
+    blind = [[row for row in one if row["policy"] == "random"] for one in tables]
+    assert blind[0] == blind[1] != []
+
+
+@pytest.mark.slow
 def test_a_loss_that_explodes_stops_the_run(networks: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     words = (*SMOKE, *SHORT, f"pretrained={networks}", "loss.lr=1e30")

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -14,8 +15,17 @@ import torch
 
 from tests.forked import run_forked
 from toponav.builders import load_networks
+from toponav.reports import EXPLORE, PRETRAIN, Schedule
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "pretrain.py"
+#: Runs it with a line of the schedule at every occasion, not every minute.
+EAGER = """
+import runpy, sys
+from toponav.reports import schedule
+schedule._AGAIN_S = 0
+del sys.argv[0]
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
 SMOKE = ("scale=smoke", "model.embedding_dim=32", "train.threads=1")
 
 
@@ -43,9 +53,21 @@ def rows(folder: Path) -> list[dict[str, str]]:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a whole run in one maze."""
     folder = tmp_path_factory.mktemp("run") / "select"
-    done = pretrain(*SMOKE, f"hydra.run.dir={folder}")
+    words = [*SMOKE, f"hydra.run.dir={folder}"]
+    done = subprocess.run(
+        [sys.executable, "-c", EAGER, str(RECIPE), *words],
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+        # As an exploration starts it.
+        env=os.environ | Schedule({PRETRAIN: 9.0, EXPLORE: 60.0}).environment(),
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("select: TC ")
+    begins = "phase 1 of 2: pre-train, then explore; all done in about "
+    # Once an update: the exploration has said it before.
+    assert done.stderr.count(begins) == 20
     assert "1,024 decisions, 20 updates" in done.stdout
     return folder
 
@@ -99,6 +121,8 @@ def test_a_run_that_was_ended_goes_on_to_the_same_end(
     finally:
         process.send_signal(number)
         status = process.wait()
+    # The first picture does not wait for an update.
+    assert (folder / "walk.png").exists()
     assert not (folder / "networks.pt").exists()
     assert (folder / "checkpoint.pt").exists()
     if number == signal.SIGTERM:

@@ -92,6 +92,16 @@ def test_one_that_is_found_may_be_in_a_folder_to_read_alone(
         prepare_networks(other, world, tmp_path / "run", script)
 
 
+def test_the_main_job_trains_networks_of_its_own_from_nothing() -> None:
+    main_job = settings("explore", "maze=maze3", "reward.alpha=0.2")
+    assert isinstance(main_job, ExploreConfig)
+    assert main_job.pretrained is None
+    pretraining = settings("pretrain", *pretraining_overrides(main_job))
+    assert isinstance(pretraining, PretrainConfig)
+    assert pretraining.init_from is None
+    assert pretraining.train.updates == 2000
+
+
 def test_what_exploring_alone_depends_on_does_not_matter() -> None:
     one = explore_settings("reward.alpha=0.5", "seed=3", "loss.lr=0.01")
     assert pretraining_overrides(one) == pretraining_overrides(explore_settings())

@@ -133,9 +133,14 @@ def test_another_process_plays_the_same_episodes(
     assert capsys.readouterr().err.count("evaluate best") > 0
     monkeypatch.setattr(evaluation_beside, "FEW", 0)
     monkeypatch.setattr(evaluation_beside, "evaluate_policies", None)  # not here, then
-    with evaluating(config, world, explorer, policies) as evaluation:
+    shares = list[float]()
+    with evaluating(
+        config, world, explorer, policies, show=shares.append
+    ) as evaluation:
         torch.rand(5)
         there = evaluation.result()
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
     assert list(evaluation.besides) == ["best", "last"]
     assert "evaluate best, last: 100%" in capsys.readouterr().err
     for one, other in zip(here, there, strict=True):

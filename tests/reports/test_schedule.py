@@ -6,7 +6,13 @@ import pytest
 
 from tests.exploring import explore_settings
 from toponav.reports import schedule as module
-from toponav.reports.schedule import EVALUATE, EXPLORE, Schedule, explore_schedule
+from toponav.reports.schedule import (
+    EVALUATE,
+    EXPLORE,
+    PRETRAIN,
+    Schedule,
+    explore_schedule,
+)
 
 
 class Clock:
@@ -38,7 +44,20 @@ def test_a_machine_that_took_twice_as_long_will_go_on_so(
     clock.now += 120
     # A third of it took 120 s: 240 s to go. All phases so far took 240 s where
     # 60 + 120 / 3 = 100 were expected: 2.4 x 60 s = 144 s for the last. 384 s.
-    assert schedule.left(1 / 3) == "6.4 minutes"
+    capsys.readouterr()
+    schedule.show(1 / 3)
+    assert capsys.readouterr().err == (
+        "phase 2 of 3: two, then three; all done in about 6.4 minutes\n"
+    )
+    # Once a minute is enough.
+    clock.now += 59
+    schedule.show(0.5)
+    assert capsys.readouterr().err == ""
+    clock.now += 1
+    schedule.show(1)
+    # 180 s and 120 before where 180 were expected: 60 x 300 / 180 s = 1.7 minutes.
+    assert capsys.readouterr().err.endswith("all done in about 1.7 minutes\n")
+    clock.now -= 60
     schedule.begin("three")
     schedule.end()
     assert schedule.minutes == 4
@@ -54,9 +73,32 @@ def test_a_phase_of_unknown_length_is_said_to_be(
     schedule.begin("one")
     said = "phase 1 of 2: one, then two; all done about 2.0 minutes after that\n"
     assert capsys.readouterr().err == said
-    clock.now += 1000
+    clock.now += 100
+    # A quarter took 100 s: 300 s and 120 s.
+    schedule.show(0.25)
+    assert "all done in about 7.0 minutes" in capsys.readouterr().err
+    clock.now += 900
     schedule.begin("two", rest=0.5)
     assert "all done in about 1.0 minutes" in capsys.readouterr().err
+
+
+def test_a_pretraining_says_what_comes_after_it(
+    clock: Clock,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = Schedule({PRETRAIN: 100.0, EXPLORE: 60.0})
+    for name, value in run.environment().items():
+        monkeypatch.setenv(name, value)
+    schedule = module.pretrain_schedule()
+    schedule.begin(PRETRAIN)
+    assert capsys.readouterr().err == ""
+    clock.now += 100
+    schedule.show(0.5)
+    # 100 s are left, and twice 60.
+    assert capsys.readouterr().err == (
+        "phase 1 of 2: pre-train, then explore; all done in about 3.7 minutes\n"
+    )
 
 
 def test_a_phase_that_a_run_does_not_have_is_not_announced(
@@ -72,4 +114,4 @@ def test_a_run_with_networks_does_not_pretrain(tmp_path: Path) -> None:
     blind = explore_settings("reward=random")
     assert list(explore_schedule(blind, tmp_path).expected) == [EXPLORE, EVALUATE]
     fresh = explore_settings(f"pretraining.folder={tmp_path}")
-    assert next(iter(explore_schedule(fresh, tmp_path).expected)) == module.PRETRAIN
+    assert next(iter(explore_schedule(fresh, tmp_path).expected)) == PRETRAIN

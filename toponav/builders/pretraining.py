@@ -4,10 +4,11 @@ import fcntl
 import hashlib
 import json
 import math
+import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -42,13 +43,19 @@ _WAIT_S = 20
 
 
 def prepare_networks(
-    config: ExploreConfig, world: World, folder: Path, script: Path
+    config: ExploreConfig,
+    world: World,
+    folder: Path,
+    script: Path,
+    *,
+    environment: Mapping[str, str] | None = None,
 ) -> Networks:
     """Networks for a run, copied into its folder.
 
     In this order: those that the run already has, if it resumes; those of
     ``pretrained``; those of an earlier pre-training with the same settings; those of a
-    pre-training that starts now by ``script``, which a later run finds.
+    pre-training that starts now by ``script``, which a later run finds; it gets the
+    variables of ``environment``.
 
     Raises:
         SettingsError: if ``pretrained`` names no usable networks.
@@ -60,12 +67,15 @@ def prepare_networks(
     if config.pretrained is not None:
         networks = load(config.pretrained, setting="pretrained")
     else:
-        networks = load(pretrain(config, script), setting="pretraining.folder")
+        pretrained = pretrain(config, script, environment or {})
+        networks = load(pretrained, setting="pretraining.folder")
     save_networks(networks, folder / NETWORKS_FILE)
     return networks
 
 
-def pretrain(config: ExploreConfig, script: Path) -> Path:
+def pretrain(
+    config: ExploreConfig, script: Path, environment: Mapping[str, str]
+) -> Path:
     """The folder of a pre-training with these settings, finished.
 
     The folder's name has a key made of all settings that matter, and one process at a
@@ -86,7 +96,7 @@ def pretrain(config: ExploreConfig, script: Path) -> Path:
             arguments = [f"resume='{folder}'"]
         else:
             arguments = [*overrides, f"hydra.run.dir='{folder}'"]
-        _run([sys.executable, str(script), *arguments], lock)
+        _run([sys.executable, str(script), *arguments], lock, environment)
     if not (folder / NETWORKS_FILE).is_file():
         raise TrainingError(
             f"pre-training must end with networks, got none in {folder}"
@@ -210,9 +220,11 @@ def _alone_in(folder: Path) -> Iterator[IO[str]]:
         yield lock
 
 
-def _run(command: list[str], lock: IO[str]) -> None:
+def _run(command: list[str], lock: IO[str], environment: Mapping[str, str]) -> None:
     """Run the recipe; it keeps the lock if this process is killed before it ends."""
-    process = subprocess.Popen(command, pass_fds=[lock.fileno()])
+    process = subprocess.Popen(
+        command, pass_fds=[lock.fileno()], env={**os.environ, **environment}
+    )
     try:
         status = process.wait()
     except BaseException:

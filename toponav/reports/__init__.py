@@ -60,6 +60,8 @@ from toponav.reports.schedule import (
     PRETRAIN as PRETRAIN,
     Schedule as Schedule,
     explore_schedule as explore_schedule,
+    pretrain_schedule as pretrain_schedule,
+    pretrained_share as pretrained_share,
 )
 from toponav.reports.sweep_report import (
     report_exploration as report_exploration,

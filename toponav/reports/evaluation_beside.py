@@ -2,7 +2,7 @@
 
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 
 import torch
@@ -27,7 +27,8 @@ class EvaluationBeside:
 
     For each policy a process of its own plays them, with copies of all networks as they
     are now, since evaluating and finishing both draw from torch's global random state.
-    A few are played here, in `result`.
+    A few are played here, in `result`. ``show`` is called with the share of all
+    decisions that are played.
     """
 
     def __init__(
@@ -36,11 +37,14 @@ class EvaluationBeside:
         world: World,
         explorer: Explorer,
         policies: Mapping[str, TensorDictModuleBase],
+        *,
+        show: Callable[[float], object] = lambda _: None,
     ) -> None:
         self.settings, self.world = settings, world
         self.explorer, self.policies = explorer, policies
         self.besides = dict[str, Beside[list[Evaluation]]]()
         self._bar, self._played = PlayingBar(), Counter[str]()
+        self._show_share = show
         self._shows = threading.Lock()  # each process is heard in a thread
         episodes = len(policies) * settings.evaluate.episodes
         if episodes * world.episode_length < FEW:
@@ -63,9 +67,7 @@ class EvaluationBeside:
     def result(self) -> list[Evaluation]:
         """All episodes; waits for the processes, and plays what they have not."""
         if not self.besides:
-            return evaluate_policies(
-                self.settings, self.world, self.explorer, self.policies
-            )
+            return self._play(self.policies, self._show_all)
         return [one for name in self.policies for one in self._result_of(name)]
 
     def _result_of(self, name: str) -> list[Evaluation]:
@@ -73,17 +75,25 @@ class EvaluationBeside:
             try:
                 return self.besides[name].result()
             except BesideError as error:
-                self._bar.close()
                 _say(name, error)
-        policies = {name: self.policies[name]}
-        return evaluate_policies(self.settings, self.world, self.explorer, policies)
+        return self._play({name: self.policies[name]}, self._show)
+
+    def _play(
+        self, policies: Mapping[str, TensorDictModuleBase], progress: Progress
+    ) -> list[Evaluation]:
+        known = self.settings, self.world, self.explorer
+        return evaluate_policies(*known, policies, progress)
 
     def _show(self, name: str, done: int, total: int) -> None:
         """One line for all of them, each of which plays as many decisions."""
         names, number = ", ".join(self.policies), len(self.policies)
         with self._shows:
             self._played[name] = done
-            self._bar(names, self._played.total(), number * total)
+            self._show_all(names, self._played.total(), number * total)
+
+    def _show_all(self, name: str, done: int, total: int) -> None:
+        self._bar(name, done, total)
+        self._show_share(done / total)
 
     def close(self) -> None:
         """End the processes, if there are any."""
@@ -98,9 +108,12 @@ def evaluating(
     world: World,
     explorer: Explorer,
     policies: Mapping[str, TensorDictModuleBase],
+    *,
+    show: Callable[[float], object] = lambda _: None,
 ) -> Iterator[EvaluationBeside]:
     """Evaluate policies beside what the block does; it ends with the block."""
-    with closing(EvaluationBeside(settings, world, explorer, policies)) as evaluation:
+    known = settings, world, explorer, policies
+    with closing(EvaluationBeside(*known, show=show)) as evaluation:
         yield evaluation
 
 

@@ -106,9 +106,9 @@ class ExplorationReport:
         write_history(self.folder / "metrics.csv", state.history)
         if log.rows:
             write_history(self.folder / "episodes.csv", log.rows)
+        self.bar.set_postfix_str(format_progress(row))
         done = self._done_before
-        left = self.schedule.left((state.progress - done) / (1 - done))
-        self.bar.set_postfix_str(f"{format_progress(row)}, all done in {left}")
+        self.schedule.show((state.progress - done) / (1 - done))
 
     def _draw(self) -> None:
         tables, levels = (self.log.rows, self.state.history), self.baselines.levels()
@@ -142,8 +142,7 @@ def format_progress(row: Row) -> str:
     """
     formats = {"coverage": ".0%", "waypoints": ".0f"}
     # Until the first episode ends, what those that run have seen.
-    has_ended = not all(math.isnan(row.get(name, math.nan)) for name in formats)
-    if not has_ended:
+    if all(math.isnan(row.get(name, math.nan)) for name in formats):
         formats = {f"running_{name}": form for name, form in formats.items()}
     formats |= {"intrinsic_return": ".0f", "loss_objective": ".3f"}
     formats |= {"loss_critic": ".3f", "entropy": ".2f"}

@@ -1,6 +1,8 @@
 """`Schedule`: what a run does now, what comes after it, and when all will be done."""
 
+import json
 import math
+import os
 import sys
 import time
 from collections.abc import Mapping
@@ -24,10 +26,16 @@ EVALUATE = "evaluate and finish map and networks"
 #: Other machines take longer by about one factor.
 _PRETRAIN_S, _EXPLORE_S, _HEAD_S, _EVALUATE_S = 255.0, 0.6e-3, 19e-3, 0.8e-3
 _POSES_S = 0.15e-3
+#: The share of a pre-training's time that is over when its first update begins.
+_COLLECTED = 0.17
+#: Seconds from one line to the next.
+_AGAIN_S = 60.0
+#: Tells a pre-training the phases of the run that waits for it.
+_WAITING = "TOPONAV_SCHEDULE"
 
 
 class Schedule:
-    """Announces the phases of a run, a line each, and says how long the rest takes.
+    """Announces the phases of a run, and says every minute how long the rest takes.
 
     Args:
         expected: seconds of each phase, in order, on the machine of the reference; NaN
@@ -35,6 +43,7 @@ class Schedule:
             will need twice as long for the others.
         folder: gets ``phases.csv``: when each phase ended, in seconds since this was
             made, and how many seconds it took.
+        announce: whether each phase is announced when it begins.
 
     Examples:
         >>> schedule = Schedule({"explore": 60.0, "evaluate": 30.0})
@@ -45,11 +54,15 @@ class Schedule:
     """
 
     def __init__(
-        self, expected: Mapping[str, float], folder: Path | None = None
+        self,
+        expected: Mapping[str, float],
+        folder: Path | None = None,
+        *,
+        announce: bool = True,
     ) -> None:
-        self.expected, self.folder = dict(expected), folder
+        self.expected, self.folder, self.announce = dict(expected), folder, announce
         self._rows: list[dict[str, Any]] = []
-        self._made = self._began = time.monotonic()
+        self._made = self._began = self._said = time.monotonic()
         self._phase = ""
         # Seconds that the finished phases took, and were expected to take.
         self._took = self._should = 0.0
@@ -69,8 +82,9 @@ class Schedule:
         self.end()
         self.expected[phase] *= rest
         self._phase, self._began = phase, time.monotonic()
-        # Beside the bars; standard output has the results.
-        tqdm.write(self.describe(phase), file=sys.stderr)
+        self._said = self._began
+        if self.announce:
+            self._say()
 
     def end(self) -> None:
         """The phase that runs is over, if one does."""
@@ -87,29 +101,43 @@ class Schedule:
         if self.folder is not None:
             write_history(self.folder / "phases.csv", self._rows)
 
-    def describe(self, phase: str) -> str:
-        """The line of a phase that begins now."""
-        later, first = self._later(phase), self.expected[phase]
-        names = list(self.expected)
+    def describe(self, phase: str, share: float = 0.0) -> str:
+        """The line of a phase of which a ``share`` in [0, 1] is done.
+
+        When all will be done is counted on the phases before it, and on this one once
+        some of it is done.
+        """
+        later, rest = self._later(phase), self.expected[phase]
+        names, so_far, should = list(self.expected), self._took, self._should
         text = f"phase {names.index(phase) + 1} of {len(names)}: {phase}"
         if later:
             text += f", then {', '.join(later)}"
-        factor = self._took / self._should if self._should else 1.0
-        known = factor * sum(later.values())
-        if math.isnan(first):
-            return f"{text}; all done about {_minutes(known)} after that"
-        return f"{text}; all done in about {_minutes(known + factor * first)}"
-
-    def left(self, share: float) -> str:
-        """How long until all is done, when a ``share`` in (0, 1] of the phase is.
-
-        It counts on the phase that runs and on those before it.
-        """
         took = time.monotonic() - self._began
-        should = self._should + self.expected[self._phase] * share
-        factor = (self._took + took) / max(should, 1e-9)
-        rest = took * (1 / max(share, 1e-9) - 1)
-        return _minutes(rest + factor * sum(self._later(self._phase).values()))
+        if share and not math.isnan(rest):
+            so_far, should = so_far + took, should + rest * share
+        factor = so_far / should if should else 1.0
+        known = factor * sum(later.values())
+        rest = took * (1 / share - 1) if share else factor * rest
+        if math.isnan(rest):
+            return f"{text}; all done about {_minutes(known)} after that"
+        return f"{text}; all done in about {_minutes(known + rest)}"
+
+    def show(self, share: float) -> None:
+        """Announce the phase that runs once more, of which a ``share`` is done.
+
+        No oftener than once a minute.
+        """
+        if self._phase and time.monotonic() - self._said >= _AGAIN_S:
+            self._say(share)
+
+    def _say(self, share: float = 0.0) -> None:
+        self._said = time.monotonic()
+        # Beside the bars; standard output has the results.
+        tqdm.write(self.describe(self._phase, share), file=sys.stderr)
+
+    def environment(self) -> dict[str, str]:
+        """Environment variables that tell a pre-training what comes after it."""
+        return {_WAITING: json.dumps(self.expected)}
 
     def _later(self, phase: str) -> dict[str, float]:
         names = list(self.expected)
@@ -150,3 +178,23 @@ def explore_schedule(settings: ExploreConfig, folder: Path) -> Schedule:
         tuning = settings.locomotion.updates * _HEAD_S
         expected[EVALUATE] = max(tuning, expected[EVALUATE])
     return Schedule(expected, folder)
+
+
+def pretrain_schedule() -> Schedule:
+    """The phase of a pre-training, and those of the run that waits for it, if one does.
+
+    That run has announced it.
+    """
+    waiting = os.environ.get(_WAITING)
+    expected = json.loads(waiting) if waiting else {PRETRAIN: math.nan}
+    return Schedule(expected, announce=False)
+
+
+def pretrained_share(done: float) -> float:
+    """The share of a pre-training's time that is over after a share of its updates.
+
+    Examples:
+        >>> pretrained_share(0.5)
+        0.585
+    """
+    return _COLLECTED + (1 - _COLLECTED) * done

@@ -51,7 +51,7 @@ def write_walk_map(
     coverage = float(covered_cells(metric, poses).double().mean())
     title = f"{world.name}, {progress}: a random walk of {length:,} decisions covers "
     false = f"{int(far.sum())} of {len(edges)} edges of its map are false"
-    title += f"{coverage:.0%};\n{false}"
+    title += f"{coverage:.0%};\n{len(times)} waypoints, {false}"
     figure = draw_topological_map(
         poses[times],
         edges,

@@ -1,6 +1,7 @@
 """No engine outlives its owner, and no living owner loses one."""
 
 import os
+import shutil
 import signal
 import time
 from collections import namedtuple
@@ -99,6 +100,19 @@ class TestSweep:
         assert not list(instances.registry().iterdir())
 
     @pytest.mark.slow
+    def test_ends_an_engine_whose_owner_removed_its_folder_too_early(self) -> None:
+        # The owner was told to end while the engine started: it did not see it yet.
+        child = Child(ENV + "report(env)")
+        child.process.kill()
+        child.process.wait(10)
+        for folder in instances.registry().iterdir():
+            shutil.rmtree(folder)
+        assert len(child.engines()) == 2
+        assert instances.sweep() == 2
+        assert child.engines() == []
+        assert child.shared_memory() == []
+
+    @pytest.mark.slow
     def test_never_touches_engines_of_a_living_owner(self) -> None:
         env = DoomMazeEnv(LANE)
         try:
@@ -167,6 +181,30 @@ class TestSweep:
             assert not (parent / "empty").exists()
         finally:
             (parent / "file").unlink(missing_ok=True)
+
+    def test_removes_memory_of_an_engine_whose_number_nobody_knew(
+        self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        # An engine was killed while its owner waited for it, and the owner crashed.
+        env = DoomMazeEnv(LANE)
+        try:
+            env.reset()
+            (engine,) = env.games.pids
+            command = psutil.Process(engine).cmdline()
+            living = command[command.index("+viz_instance_id") + 1]
+            for number in (living, "Gone"):
+                (tmp_path / f"ViZDoomMQDoom{number}").touch()
+            (tmp_path / "another").touch()
+            monkeypatch.setattr(instances, "SHARED_MEMORY", tmp_path)
+            instances.sweep()  # it may be starting
+            assert len(list(tmp_path.iterdir())) == 3
+            monkeypatch.setattr(instances, "_STARTING_S", 0.0)
+            instances.sweep()
+            left = sorted(file.name for file in tmp_path.iterdir())
+            assert left == [f"ViZDoomMQDoom{living}", "another"]
+        finally:
+            monkeypatch.undo()
+            env.close()
 
     def test_of_no_registry_is_nothing(
         self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -12,6 +12,7 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -26,12 +27,15 @@ from toponav.envs.game import EngineError
 _INI = "".join(
     f"[{game}.AutoExec]\n" for game in ("Doom", "Heretic", "Hexen", "Strife", "Chex")
 )
+_INI_NAME = "engine.ini"
 #: Where the engines keep their shared memory (Linux).
 SHARED_MEMORY = Path("/dev/shm")
 #: What an engine uses of it: of three files, as many blocks as have been written.
 SHARED_BYTES = 96 * 1024
 # Its level, and what it writes beside.
 _FILES_BYTES = 1024 * 1024
+# An engine that has not started after so many seconds does not start any more.
+_STARTING_S = 20.0
 _SHARED_MEMORY_PREFIXES = ("ViZDoomSM", "ViZDoomMQCtr", "ViZDoomMQDoom")
 
 
@@ -73,7 +77,7 @@ def claim() -> Path:
 
 def ini_path(folder: Path) -> Path:
     """The engine's private configuration file in a claimed folder."""
-    return folder / "engine.ini"
+    return folder / _INI_NAME
 
 
 def note_instance(folder: Path, instance_id: str) -> None:
@@ -88,10 +92,18 @@ def release(folder: Path) -> None:
 
 
 def sweep() -> int:
-    """Remove what engines of dead owners left; returns the number of folders."""
-    dead = [folder for folder in registry().glob("*") if not _has_owner(folder)]
+    """Remove what engines of dead owners left; returns the number of folders.
+
+    One that was only starting when its owner ended lives on without its folder.
+    """
+    commands = [one.info["cmdline"] or [] for one in psutil.process_iter(["cmdline"])]
+    inis = (Path(word) for command in commands for word in command if _INI_NAME in word)
+    used = {ini.parent for ini in inis if ini.parent.parent == registry()}
+    folders = used.union(registry().glob("*"))
+    dead = [folder for folder in folders if not _has_owner(folder)]
     for folder in dead:
         _reap(folder)
+    _remove_nameless()
     return len(dead)
 
 
@@ -150,6 +162,27 @@ def _reap(folder: Path) -> None:
         with suppress(OSError, ValueError):
             (SHARED_MEMORY / f"{prefix}{identifier}").unlink()
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_nameless() -> None:
+    """Remove shared memory of engines that died before anybody knew their number.
+
+    That of other users stays, and what is so young that its engine may be starting
+    where this process cannot see it. Whoever uses a file keeps it when its name goes.
+    """
+    kinds = _SHARED_MEMORY_PREFIXES
+    files = [one for kind in kinds for one in SHARED_MEMORY.glob(f"{kind}*")]
+    if not files:
+        return
+    commands = (one.info["cmdline"] or [] for one in psutil.process_iter(["cmdline"]))
+    living = tuple(one for one in map(_instance_of, commands) if one is not None)
+    for file in files:
+        with suppress(OSError):
+            state = file.stat()
+            is_young = time.time() - state.st_ctime < _STARTING_S
+            is_ours = state.st_uid == os.getuid()
+            if is_ours and not is_young and not file.name.endswith(living):
+                file.unlink()
 
 
 def _engines_of(folder: Path) -> list[tuple[psutil.Process, list[str]]]:
