@@ -23,7 +23,9 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +33,15 @@ import pandas as pd
 import psutil
 import torch
 from explore_speed import best_seconds, compose_settings, make_settings, measure
+from pose_maps import restore
 from torch.utils.flop_counter import FlopCounterMode
 
-from toponav.builders import make_autocast, make_networks, prepare_process
+from toponav.builders import PLACES_FILE, make_autocast, make_networks, prepare_process
 from toponav.config import ExploreConfig, PretrainConfig
 from toponav.methods import make_world
-from toponav.reports import EVALUATE
+from toponav.modules import PlaceNetwork
+from toponav.reports import EVALUATE, EXPLORE, PRETRAIN
+from toponav.training.place_training import PlaceRules
 
 ROOT = Path(__file__).resolve().parent.parent
 #: What is waited for: coverage and a map of a random walk, while the networks train;
@@ -122,8 +127,21 @@ def product_rate(*, bf16: bool) -> float:
     return 2 * 2048**3 / best_seconds(lambda: one @ one)
 
 
-def roofs(explore: ExploreConfig, pretrain: PretrainConfig) -> dict[str, float]:
-    """Seconds of each phase if all cores did nothing but what must be done."""
+def operations(call: Callable[[], torch.Tensor]) -> float:
+    """Operations of a call and of its gradients."""
+    with FlopCounterMode(display=False) as counter:
+        call().sum().backward()
+    return float(counter.get_total_flops())
+
+
+def roofs(
+    explore: ExploreConfig, pretrain: PretrainConfig, finished: Path
+) -> dict[str, dict[str, float]]:
+    """Seconds of the parts of each phase, on all cores, if nothing else were done.
+
+    The parts of a phase add up to its roof. Poses, which are no products of networks,
+    take what they take alone; they are found for the views of a ``finished`` run.
+    """
     bf16 = make_autocast(torch.device("cpu"), bf16=True).__class__ is torch.autocast
     rate, cores = product_rate(bf16=bf16), len(os.sched_getaffinity(0))
     prepare_process(threads=1)
@@ -131,32 +149,56 @@ def roofs(explore: ExploreConfig, pretrain: PretrainConfig) -> dict[str, float]:
     networks = make_networks(explore.model, world.spec)
     parts = measure(explore, 10.0)["parts"]
 
-    def operations(call: Any) -> float:
-        with FlopCounterMode(display=False) as counter:
-            call().sum().backward()
-        return counter.get_total_flops()
-
     pairs, width, many = pretrain.pairs, explore.model.embedding_dim, torch.zeros
     views = torch.zeros(8, *networks.view_size, 3, dtype=torch.uint8)
     embed = operations(lambda: networks.tc.encoder(views)) / 8
     compare = operations(lambda: networks.tc.comparator(many(8, width), many(8, width)))
     head = operations(lambda: networks.locomotion.head(many(8, width), many(8, width)))
-    per_update = pairs.episodes * pairs.chunks * pairs.chunk_len * embed
-    per_update += pairs.per_update * (compare + head) / 8
+    embedded = pairs.episodes * pairs.chunks * pairs.chunk_len * embed
+    compared = pairs.per_update * (compare + head) / 8
     walked = pretrain.collect.decisions
     walked += pretrain.validate.episodes * pretrain.validate.decisions
-    decision = sum(parts.values()) / cores
     played = 2 * explore.evaluate.episodes * world.episode_length
-    trains_head = explore.trains_head(by_poses=explore.map.poses)
-    tuned = explore.locomotion.updates * explore.locomotion.pairs * head / 8
-    return {
-        "pre-train": pretrain.train.updates * per_update / rate
-        + walked * parts["engines"] / cores,
-        "explore": explore.collect.decisions * decision,
-        # Poses and the network of the map's places are left out.
-        EVALUATE: tuned / rate * trains_head
-        + played * (decision - parts["learn"] / cores),
+    found = {
+        PRETRAIN: {
+            "embed": pretrain.train.updates * embedded / rate,
+            "compare": pretrain.train.updates * compared / rate,
+            "engines": walked * parts["engines"] / cores,
+        },
+        EXPLORE: {
+            name: explore.collect.decisions * seconds / cores
+            for name, seconds in parts.items()
+        },
+        EVALUATE: {
+            name: played * seconds / cores
+            for name, seconds in parts.items()
+            if name != "learn"
+        },
     }
+    by_poses = (finished / PLACES_FILE).is_file()
+    if explore.trains_head(by_poses=by_poses):
+        tuned = explore.locomotion.updates * explore.locomotion.pairs * head / 8
+        found[EVALUATE]["head"] = tuned / rate
+    if by_poses:
+        found[EVALUATE] |= map_parts(finished, rate=rate)
+    return found
+
+
+def map_parts(finished: Path, *, rate: float) -> dict[str, float]:
+    """Seconds on all cores of a map by poses and of the network of its places."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "run"
+        shutil.copytree(finished, copy, ignore=shutil.ignore_patterns("logs"))
+        growth, _ = restore(copy, copy, None)
+        began = time.process_time()
+        views = growth.consolidate()
+        spent = time.process_time() - began
+    assert views is not None
+    rules, width = PlaceRules(), views[0].shape[1]
+    places = PlaceNetwork(growth.map.num_waypoints, width)
+    update = operations(lambda: places(torch.zeros(8, width))) / 8 * rules.views
+    cores = len(os.sched_getaffinity(0))
+    return {"poses": spent / cores, "places": rules.updates * update / rate}
 
 
 def main() -> None:
@@ -176,17 +218,21 @@ def main() -> None:
     ]
     # The memories of a profile are full, as they are for most of a run.
     explore = make_settings("laptop", ["maze=maze3", *arguments.overrides])
-    least = roofs(explore, compose_settings("pretrain", ["maze=maze3"]))
+    last = arguments.work / f"{arguments.mazes[-1]}-{arguments.seeds[-1]}"
+    least = roofs(explore, compose_settings("pretrain", ["maze=maze3"]), last)
     # The mean over the runs, against the roof of the phase.
     phases = {}
-    for name, roof in least.items():
+    for name, parts in least.items():
         if name not in runs[0]["phases"]:  # networks were given
             continue
         took = [one["phases"][name]["seconds"] for one in runs]
         busy = [one["phases"][name]["busy"] for one in runs]
         mean = sum(took) / len(took)
         phases[name] = {"seconds": mean, "busy": sum(busy) / len(busy)}
+        roof = sum(parts.values())
         phases[name] |= {"roof_seconds": roof, "share_of_roof": roof / mean}
+        shares = {part: seconds / mean for part, seconds in parts.items()}
+        phases[name] |= {"parts_at_roof_s": parts, "parts_of_phase": shares}
     found = {
         "minutes": sum(one["minutes"] for one in runs) / len(runs),
         "phases": phases,
