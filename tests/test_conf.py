@@ -56,6 +56,20 @@ def test_each_recipe_composes_to_its_schema(recipe: str) -> None:
     assert isinstance(settings(recipe, *maze_of(recipe)), RECIPES[recipe])
 
 
+@pytest.mark.parametrize("recipe", ["pretrain", "explore", "navigate", "tour"])
+def test_runs_of_the_same_second_have_folders_of_their_own(recipe: str) -> None:
+    register()
+    OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
+    found = []
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        for _ in range(2):
+            words = list(maze_of(recipe))
+            config = compose(recipe, overrides=words, return_hydra_config=True)
+            found.append((config.hydra.run.dir, config.hydra.sweep.dir))
+    assert found[0][0] != found[1][0]
+    assert found[0][1] != found[1][1]
+
+
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_each_recipe_has_a_script_and_a_file(recipe: str) -> None:
     assert (CONF / f"{recipe}.yaml").exists()

@@ -15,6 +15,7 @@ from torch import nn
 
 from tests.exploring import explore_settings, make_batch, world_of
 from tests.forked import run_forked
+from tests.methods import test_nav_a3c, test_q_learners
 from tests.models import tiny_model
 from tests.stand_in_device import NAME, StandInDevice
 from tests.training.pair_storage import WORLD, make_trainer, make_walks, pair_settings
@@ -124,6 +125,20 @@ def test_learners_learn_there(device: str, loss: str) -> None:
         progress=lambda: 0.5,
     )
     measured = learner.extend(make_batch(settings))
+    assert all(value == value for value in measured.values())
+    assert str(next(learner.policy.parameters()).device).startswith(device)
+
+
+@pytest.mark.parametrize("loss", ["dqn", "drqn", "nav_a3c", "nav_a3c_d2l"])
+def test_rivals_that_navigate_learn_there(device: str, loss: str) -> None:
+    rivals = test_q_learners if loss in ("dqn", "drqn") else test_nav_a3c
+    learner = rivals.make_learner(loss, f"device={device}")
+    if rivals is test_q_learners:
+        batch = rivals.make_batch()
+    else:
+        batch = rivals.make_batch(rivals.make_learner(loss).policy)
+    measured = learner.extend(batch)
+    assert measured
     assert all(value == value for value in measured.values())
     assert str(next(learner.policy.parameters()).device).startswith(device)
 

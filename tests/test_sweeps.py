@@ -2,12 +2,16 @@
 
 import subprocess
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 import yaml
 from omegaconf import OmegaConf
 
 from tests.forked import run_forked
+from toponav.config import SettingsError
+from toponav.launch import jobs
+from toponav.launch.folders import save_whole
 from toponav.runs import alone_in, log_uniform
 
 
@@ -136,3 +140,29 @@ def test_half_a_file_of_a_run_that_was_killed_is_removed(tmp_path: Path) -> None
     done = tour(tmp_path, "hydra.run.dir=run")
     assert done.returncode == 0, done.stderr
     assert [name for name in kept + halves if (tmp_path / name).exists()] == kept
+
+
+@pytest.mark.slow
+def test_a_run_holds_its_folder_before_anything_is_written_there(
+    tmp_path: Path,
+) -> None:
+    seen = tmp_path / "seen"
+
+    def note(cfg: object, filename: str, output_dir: Path) -> None:
+        try:
+            with alone_in(output_dir):
+                found = "free"
+        except SettingsError:
+            found = "held"
+        with seen.open("a") as file:
+            file.write(f"{filename}: {found}\n")
+        save_whole(cfg, filename, output_dir)
+
+    inside = patch.object(jobs, "save_whole", note)
+    words = ("scale=smoke", "maze=maze1", "hydra.run.dir=run")
+    done = run_forked("tour", *words, cwd=tmp_path, inside=inside)
+    assert done.returncode == 0, done.stderr
+    assert seen.read_text() == (
+        "config.yaml: held\nhydra.yaml: held\noverrides.yaml: held\n"
+    )
+    assert not list(tmp_path.rglob("*.lock"))

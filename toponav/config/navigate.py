@@ -63,7 +63,7 @@ class NavigateVideoConfig(Settings):
     group = "video"
     decisions: int = at_least(0)
     format: str = one_of("mp4", "gif")
-    height: int = at_least(64)
+    height: int = between(64, 4320)
 
 
 @dataclass
@@ -96,7 +96,7 @@ class TourConfig(Settings):
     decisions: int = at_least(1)
     views: int = between(1, 12)
     video: str = one_of("mp4", "gif")
-    height: int = at_least(64)
+    height: int = between(64, 4320)
 
 
 @dataclass

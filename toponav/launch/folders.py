@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ from toponav.runs import (
 )
 
 _configure_log = utils.configure_log
+# Holds the lock of a run from before Hydra writes into its folder.
+_lock = ExitStack()
 # What Hydra saves of a run, in this order.
 _SAVED = ("config.yaml", "hydra.yaml", "overrides.yaml")
 
@@ -40,16 +42,17 @@ def log_in_own_folder(
 ) -> None:
     """Let Hydra open its log, the first file of a run, if the folder is the run's own.
 
-    `SettingsError` if another run is writing there, or has left its results.
+    From then on it is: `job_lock` takes the lock over. `SettingsError` if another run
+    is writing there, or has left its results.
     """
     # A sweep's own log is opened where no job is.
     job = HydraConfig.get() if HydraConfig.initialized() else None
     # A recipe without settings in its folder writes beside the runs of others.
     if job and job.mode is RunMode.RUN and job.output_subdir is not None:
         folder = Path(job.runtime.output_dir)
-        if (folder / job.output_subdir / ".lock").is_file():
-            with alone_in(folder / job.output_subdir):
-                pass
+        own = folder / job.output_subdir
+        _lock.callback(remove_empty, own)  # of one that is refused
+        _lock.enter_context(alone_in(own))
         words: Any = OmegaConf.to_container(job.overrides.task)  # as they were given
         is_new = not any(word.startswith("resume='") for word in words)
         can_go_on = (folder / CHECKPOINT_FILE).is_file()
@@ -57,6 +60,18 @@ def log_in_own_folder(
         rule = "hydra.run.dir must name a folder without results of another run"
         require(not (is_new and has_results(folder)), rule, f"'{folder}'{hint}")
     _configure_log(log_config, verbose_config)
+
+
+@contextmanager
+def job_lock(own: Path | None) -> Iterator[None]:
+    """Hold the lock of a job's settings folder; that of a single run is held already.
+
+    ``None`` for a job that writes beside others.
+    """
+    with _lock.pop_all() as held:
+        if own is not None and is_sweep():
+            held.enter_context(alone_in(own))
+        yield
 
 
 def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
@@ -108,7 +123,8 @@ def refusing_folders(words: Sequence[str], began: Callable[[], bool]) -> Iterato
         SettingsError: that names the setting and the folder.
     """
     try:
-        yield
+        with _lock:
+            yield
     except (OSError, ValueError) as error:
         if began() or isinstance(error, (SettingsError, HydraException)):
             raise

@@ -8,7 +8,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -23,6 +23,7 @@ from toponav.launch.arguments import folder_name, named_folder, resumed_argument
 from toponav.launch.folders import (
     folder_setting,
     is_sweep,
+    job_lock,
     log_in_own_folder,
     refusing_folders,
     remove_refused,
@@ -31,7 +32,6 @@ from toponav.launch.folders import (
 from toponav.methods import register
 from toponav.refusals import REFUSALS, leaves, methods_of, sentence_of, unknown_setting
 from toponav.runs import (
-    alone_in,
     keep_draws,
     log_uniform,
     remove_halves,
@@ -156,7 +156,7 @@ def _run_job(
     words: Any = OmegaConf.to_container(job.overrides.task)
     try:
         # The lock comes first: without it a run must not remove the folder.
-        with nullcontext() if own is None else alone_in(own):
+        with job_lock(own):
             try:
                 for word in words:
                     key = word.lstrip("+~").partition("=")[0]

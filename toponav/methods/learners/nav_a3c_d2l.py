@@ -71,7 +71,7 @@ def depth_classes(depth: Tensor, *, cell_size: float) -> Tensor:
     middle = middle.reshape(-1, 1, *middle.shape[-2:])
     small = F.adaptive_avg_pool2d(middle, (_ROWS, _COLUMNS)).reshape(*batch, -1)
     share = small / (small + cell_size)
-    return torch.bucketize(share, torch.tensor(_BOUNDS, device=depth.device))
+    return torch.bucketize(share, torch.tensor(_BOUNDS).to(share.device))
 
 
 class NavigationHeads(nn.Module):
