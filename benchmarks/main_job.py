@@ -41,7 +41,7 @@ from toponav.config import ExploreConfig, PretrainConfig
 from toponav.methods import make_world
 from toponav.modules import PlaceNetwork
 from toponav.reports import EVALUATE, EXPLORE, PRETRAIN
-from toponav.training.place_training import PlaceRules
+from toponav.training import PlaceRules
 
 ROOT = Path(__file__).resolve().parent.parent
 #: What is waited for: coverage and a map of a random walk, while the networks train;

@@ -22,6 +22,8 @@ NAME = "cpu:1"
 DEVICE = torch.device(NAME)
 #: Operations that may see two devices: copies from one to the other.
 _COPIES = {"aten._to_copy", "aten.copy_", "aten._copy_from"}
+#: Lengths, the second argument and the second result, lie on the processor always.
+_PACKING = ("aten._pack_padded_sequence", "aten._pad_packed_sequence")
 #: Operations whose indices may lie on the processor, the others on the device.
 _INDEXING = {
     "aten.index",
@@ -127,6 +129,8 @@ def _run(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
             return changed[id(one)]
         return DeviceTensor(one) if moves else one
 
+    if name in _PACKING:
+        return put(result[0]), result[1]
     return tree_map(put, result)
 
 
@@ -145,6 +149,9 @@ def _refuse_mixtures(
         if not isinstance(args[0], DeviceTensor):
             _require(name, indices, there=False)
         args, kwargs = (args[0], *args[2:]), {}
+    if name in _PACKING:
+        _require(name, [args[1]], there=False)
+        args = (args[0], *args[2:])
     tensors = [one for one in tree_leaves((args, kwargs)) if isinstance(one, Tensor)]
     # A number from the processor, of no dimension, may go with tensors of a device.
     if is_there and any(isinstance(one, DeviceTensor) for one in tensors):

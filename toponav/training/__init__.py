@@ -46,6 +46,7 @@ from toponav.training.pair_trainer import (
     make_pair_trainer as make_pair_trainer,
     require_finite as require_finite,
 )
+from toponav.training.place_training import PlaceRules as PlaceRules
 from toponav.training.pretraining import (
     Validation as Validation,
     decisions_due as decisions_due,
