@@ -11,14 +11,13 @@ speed, or cells of the maze) that were visited in it, and so far.
 """
 
 import argparse
-import csv
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import torch
+from sanity_curves import CurveTable
 from sanity_trpo import Agent
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -36,35 +35,34 @@ from toponav.methods.rewards import (
     InformationGainReward,
 )
 
-#: Rows of the maze of points; the way from the first cell to the last one is a snake.
-PLAN = (".........", "########.", ".........", ".########", ".........")
-PLAN += ("########.", ".........")
-
 
 class PointTask(EnvBase):
     """A batch of points that move by numbered actions; 1 at the goal, which is the end.
 
-    What is observed is the state within `low` and `high`, from -1 to 1.
+    What is observed is a state within `low` and `high`, from -1 to 1.
 
     Args:
         num_envs: number E of them.
         num_actions: number of actions.
         longest: decisions after which an episode is truncated.
         seed: of the starts.
+        numbers: that a state consists of; the first two are observed.
     """
 
     num_places: int
     low: tuple[float, float]
     high: tuple[float, float]
 
-    def __init__(self, num_envs: int, num_actions: int, longest: int, seed: int):
+    def __init__(
+        self, num_envs: int, num_actions: int, longest: int, seed: int, numbers: int = 2
+    ) -> None:
         super().__init__(batch_size=[num_envs])
         self.longest = longest
         self.generator = torch.Generator().manual_seed(seed)
         shape = (num_envs, 1)
         self.observation_spec = Composite(
             observation=Unbounded((num_envs, 2)),
-            state=Unbounded((num_envs, 2)),
+            state=Unbounded((num_envs, numbers)),
             place=Unbounded(shape, dtype=torch.int64),
             age=Unbounded(shape, dtype=torch.int64),
             shape=[num_envs],
@@ -76,7 +74,7 @@ class PointTask(EnvBase):
         self.done_spec = Composite({name: flag for name in names}, shape=[num_envs])
 
     def start(self, num: int) -> Tensor:
-        """States at an episode's start, ``[N, 2]``."""
+        """States at an episode's start, ``[N, K]``."""
         raise NotImplementedError
 
     def move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
@@ -89,7 +87,7 @@ class PointTask(EnvBase):
 
     def _entries(self, state: Tensor, age: Tensor) -> dict[str, Tensor]:
         low, high = torch.tensor(self.low), torch.tensor(self.high)
-        seen = 2 * (state - low) / (high - low) - 1
+        seen = 2 * (state[..., :2] - low) / (high - low) - 1
         place = self.place(state).unsqueeze(-1)
         return {"observation": seen, "state": state, "place": place, "age": age}
 
@@ -142,38 +140,51 @@ class MountainCar(PointTask):
 
 
 class PointMaze(PointTask):
-    """A snake of cells; a decision moves by half a cell, unless a wall is there."""
+    """The maze of EX2's authors: a ball of 0.1 kg in a square that a wall divides.
 
-    num_places = sum(line.count(".") for line in PLAN)
-    low, high = (0.0, 0.0), (float(len(PLAN)), float(len(PLAN[0])))
+    The wall leaves a gap at one end, and start and goal are at the other end, on either
+    side. A decision pushes the ball with 0.5 N for 0.02 s; what is observed is where it
+    is, not how fast. Lengths are in metres, and bounds are those of its centre.
+    """
+
+    num_places = 86  # of 0.05 m, ten by ten without those of the wall
+    low, high = (-0.25, -0.25), (0.25, 0.25)
+    wall = (0.05, 0.1)  # half its width, and where the gap begins
+    inertia, damping, substep = 0.113, 1.0, 0.01
 
     def __init__(self, num_envs: int, seed: int) -> None:
-        self.is_open = torch.tensor([[sign == "." for sign in line] for line in PLAN])
-        # Open cells are numbered in reading order.
-        self.numbers = self.is_open.flatten().cumsum(0).reshape(self.is_open.shape) - 1
-        super().__init__(num_envs, 4, 200, seed)
+        super().__init__(num_envs, 4, 200, seed, numbers=4)
 
     def start(self, num: int) -> Tensor:
-        return 0.25 + 0.5 * torch.rand(num, 2, generator=self.generator)
+        near = 0.02 * torch.rand(num, 4, generator=self.generator) - 0.01
+        return near + torch.tensor([-0.15, -0.15, 0, 0])
 
     def move(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        step = 0.5 * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]])[action]
-        size = torch.tensor(self.is_open.shape)
-        moved = state + step
-        row, column = self._cells(moved)
-        inside = ((moved >= 0) & (moved < size)).all(-1)
-        free = inside & self.is_open[row, column]
-        state = torch.where(free.unsqueeze(-1), moved, state)
-        return state, self.place(state) == self.num_places - 1
+        force = 0.5 * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]])[action]
+        position, speed = state.clone().split(2, -1)
+        rate = self.substep / self.inertia
+        for _ in range(2):
+            speed = (speed + rate * force) / (1 + rate * self.damping)
+            for axis in range(2):
+                moved = position.clone()
+                moved[:, axis] += self.substep * speed[:, axis]
+                free = self.is_free(moved)
+                position = torch.where(free.unsqueeze(-1), moved, position)
+                speed[:, axis] *= free
+        goal = torch.tensor([0.15, -0.15])
+        near = (position - goal).abs().sum(-1) < 0.12
+        return torch.cat([position, speed], -1), near
+
+    def is_free(self, position: Tensor) -> Tensor:
+        """Whether the ball may be there, ``[E, 2]`` to ``[E]``."""
+        inside = (position.abs() <= self.high[0]).all(-1)
+        half, gap = self.wall
+        return inside & ~((position[:, 0].abs() < half) & (position[:, 1] < gap))
 
     def place(self, state: Tensor) -> Tensor:
-        row, column = self._cells(state)
-        return self.numbers[row, column]
-
-    def _cells(self, state: Tensor) -> tuple[Tensor, Tensor]:
-        last = torch.tensor(self.is_open.shape) - 1
-        row, column = torch.minimum(state.long().clamp_min(0), last).unbind(-1)
-        return row, column
+        part = (state[:, :2] - self.low[0]) / (self.high[0] - self.low[0])
+        column, row = (10 * part).long().clamp(0, 9).unbind(-1)
+        return 10 * row + column
 
 
 @dataclass
@@ -198,9 +209,9 @@ def make_vime(env: PointTask) -> Bonus:
 
 
 def make_ex2(env: PointTask) -> Bonus:
-    """With smaller networks and other rates than those of ``conf/reward/ex2.yaml``."""
+    """With the numbers of the authors' script for their maze of points."""
     exemplars = AmortisedExemplars((2,), code_dim=8, hidden=16)
-    trainer = ExemplarTrainer(exemplars, lr=3e-3, update_rate=0.02, kl_weight=0.01)
+    trainer = ExemplarTrainer(exemplars, kl_weight=0.01, capacity=200_000)
 
     def learn(batch: TensorDictBase) -> dict[str, float]:
         return trainer.extend(batch["next", "observation"].reshape(-1, 2))
@@ -211,15 +222,15 @@ def make_ex2(env: PointTask) -> Bonus:
 #: Of each task: what makes it, environments, decisions, and the methods to compare.
 TASKS = {
     "mountain_car": (MountainCar, 50, 125_000, ("trpo", "vime")),
-    "point_maze": (PointMaze, 100, 100_000, ("trpo", "ex2")),
+    "point_maze": (PointMaze, 100, 200_000, ("trpo", "ex2")),
 }
 #: Batches of a row.
 ROW = 5
 METHODS = {"vime": make_vime, "ex2": make_ex2}
 
 
-def explore(task: str, method: str, seed: int, write: Callable[..., None]) -> None:
-    """Learn a task with one method; ``write`` gets the columns of each batch."""
+def explore(task: str, method: str, seed: int) -> Iterator[tuple[object, ...]]:
+    """Learn a task with one method; rows of decisions and measures."""
     make, num_envs, decisions, _ = TASKS[task]
     torch.manual_seed(seed)
     plain = make(num_envs, seed)
@@ -242,8 +253,9 @@ def explore(task: str, method: str, seed: int, write: Callable[..., None]) -> No
         ended.append(following["terminated"][following["done"]].float())
         if number % ROW == 0:
             so_far |= places
-            shares = (len(places) / plain.num_places, len(so_far) / plain.num_places)
-            write(number * size, float(torch.cat(ended).mean()), *shares)
+            share = float(torch.cat(ended).mean())
+            parts = (len(seen) / plain.num_places for seen in (places, so_far))
+            yield (number * size, *(f"{one:.3f}" for one in (share, *parts)))
             places, ended = set(), []
         if number * size >= decisions:
             break
@@ -258,23 +270,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     options = parser.parse_args()
     torch.set_num_threads(1)
-    with options.out.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        head = ["task", "seed", "method", "decisions", "goal_share", "places"]
-        table.writerow([*head, "places_so_far", "wall_s", "cpu_s"])
-        for seed, task in product(options.seeds, options.tasks):
-            for method in TASKS[task][-1]:
-                wall, cpu = time.perf_counter(), time.process_time()
-
-                def write(decisions: int, *shares: float) -> None:
-                    spent = time.perf_counter() - wall, time.process_time() - cpu  # noqa: B023
-                    numbers = [f"{share:.3f}" for share in shares]
-                    row = [task, seed, method, decisions, *numbers]  # noqa: B023
-                    table.writerow([*row, *(f"{one:.1f}" for one in spent)])
-                    file.flush()
-
-                explore(task, method, seed, write)
-                print(task, seed, method, time.process_time() - cpu, flush=True)
+    table = CurveTable(options.out, ("goal_share", "places", "places_so_far"))
+    for task, seed in product(options.tasks, options.seeds):
+        for method in TASKS[task][-1]:
+            if not table.has(task, seed, method):
+                table.add((task, seed, method), explore(task, method, seed))
 
 
 if __name__ == "__main__":
