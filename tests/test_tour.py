@@ -65,6 +65,10 @@ def test_a_sweep_makes_readable_folders(tmp_path: Path) -> None:
             "'maze9' (did you mean 'maze3'?)",
         ),
         (
+            ["height=1000000"],
+            "tour: height must lie in [64, 4320], got 1000000 (did you mean 4320?)",
+        ),
+        (
             ["maze.appels=3"],
             "tour: 'maze.appels' must be a setting of tour, got none of that name (did "
             "you mean 'maze.apples'?)",

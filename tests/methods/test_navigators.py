@@ -336,7 +336,7 @@ def test_names_of_policies_are_checked(explored):
         ("evaluate.episodes=0", "evaluate.episodes must be at least 1, got 0"),
         ("evaluate.policies=[]", "evaluate.policies must name one, got none"),
         ("video.format=avi", "video.format must be one of mp4, gif, got avi"),
-        ("video.height=9", "video.height must be at least 64, got 9"),
+        ("video.height=9", r"video.height must lie in \[64, 4320\], got 9"),
         ("maze.goal=false", "maze.goal must be true, so that there is a goal"),
         ("threads=0", "threads must be at least 1, got 0"),
     ],

@@ -122,7 +122,7 @@ def between(low: float, high: float) -> Any:
     return _field(
         f"lie in [{low:g}, {high:g}]",
         lambda value: low <= value <= high,
-        lambda value: f"{value:g} (did you mean {min(max(value, low), high):g}?)",
+        lambda value: f"{value:.10g} (did you mean {min(max(value, low), high):g}?)",
     )
 
 

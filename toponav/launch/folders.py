@@ -85,7 +85,8 @@ def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
     except OSError:
         earlier = _SAVED[: _SAVED.index(filename)] if filename in _SAVED else ()
         with suppress(OSError):
-            if {path.name for path in output_dir.iterdir()} <= set(earlier):
+            found = {path.name for path in output_dir.iterdir()}
+            if found <= {".lock", *earlier}:
                 remove_refused(output_dir.parent, output_dir, before=())
         raise
 
