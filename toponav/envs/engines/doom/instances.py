@@ -13,6 +13,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -103,7 +104,7 @@ def sweep() -> int:
     dead = [folder for folder in folders if not _has_owner(folder)]
     for folder in dead:
         _reap(folder)
-    _remove_nameless()
+    _remove_nameless(commands)
     return len(dead)
 
 
@@ -164,17 +165,15 @@ def _reap(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def _remove_nameless() -> None:
+def _remove_nameless(commands: Sequence[list[str]]) -> None:
     """Remove shared memory of engines that died before anybody knew their number.
 
     That of other users stays, and what is so young that its engine may be starting
     where this process cannot see it. Whoever uses a file keeps it when its name goes.
+    ``commands`` are the command lines of all processes.
     """
     kinds = _SHARED_MEMORY_PREFIXES
     files = [one for kind in kinds for one in SHARED_MEMORY.glob(f"{kind}*")]
-    if not files:
-        return
-    commands = (one.info["cmdline"] or [] for one in psutil.process_iter(["cmdline"]))
     living = tuple(one for one in map(_instance_of, commands) if one is not None)
     for file in files:
         with suppress(OSError):
