@@ -2,6 +2,7 @@
 
 import ctypes
 import multiprocessing
+import os
 import subprocess
 import threading
 import time
@@ -21,6 +22,16 @@ from toponav.envs import EngineError, end_stray_engines
 # Parameters of glibc's mallopt, from malloc.h.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _MMAP_BYTES, _TRIM_BYTES = 2**28, 2**30
+# Values of ONEDNN_MAX_CPU_ISA, by which users keep oneDNN to older instructions.
+_ISA_WITHOUT_BF16 = {
+    "SSE41",
+    "AVX",
+    "AVX2",
+    "AVX2_VNNI",
+    "AVX2_VNNI_2",
+    "AVX512_CORE",
+    "AVX512_CORE_VNNI",
+}
 
 
 def make_device(name: str) -> torch.device:
@@ -56,6 +67,8 @@ def has_fast_bf16(device: torch.device) -> bool:
     """Whether bfloat16 is faster than float32; emulated, it is many times slower."""
     if device.type == "cuda":
         return bool(torch.cuda.is_bf16_supported(including_emulation=False))
+    if os.environ.get("ONEDNN_MAX_CPU_ISA", "").upper() in _ISA_WITHOUT_BF16:
+        return False
     return device.type == "cpu" and bool(torch.cpu._is_avx512_bf16_supported())
 
 
