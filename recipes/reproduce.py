@@ -40,9 +40,12 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     experiment, folder = settings.experiment, Path(settings.folder)
     reports.require_columns(experiment)
 
-    # Which runs it takes, and how long those that are missing will.
+    # Which runs it takes, and how long those that are missing will. Settings that are
+    # drawn by chance are tried in other mazes before, and the best ones taken.
+    tries = experiments.plan_tries(settings)
     cells = experiments.plan_cells(settings)
-    print(experiments.announce(settings, cells), file=sys.stderr, flush=True)
+    said = experiments.announce(settings, [*tries, *cells])
+    print(said, file=sys.stderr, flush=True)
     for needed in (folder, Path(settings.runs)):
         needed.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=needed).close()
@@ -52,12 +55,18 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     scripted = experiments.scripted_of(settings, cells, play=settings.make)
 
     # The runs, each in a process of its own recipe.
-    expected, _count = experiments.expected_seconds(settings, cells)
-    maker = experiments.RunMaker(
-        RECIPES, jobs=settings.jobs, poll_s=settings.poll_s, expected=expected
-    )
+    maker = experiments.RunMaker(RECIPES, jobs=settings.jobs, poll_s=settings.poll_s)
+    chosen: list[str] = []
+    if tries:
+        if settings.make:
+            maker.make(*experiments.to_make(settings, tries))
+        choices = experiments.choose(settings, tries)
+        chosen = experiments.choice_sentences(settings, choices)
+        settings = experiments.with_choices(settings, choices)
+        cells = experiments.plan_cells(settings)
+        print(experiments.announce(settings, cells), file=sys.stderr, flush=True)
     if settings.make:
-        maker.make(experiments.missing_cells(cells))
+        maker.make(*experiments.to_make(settings, cells))
 
     # The table and the figure of what there is.
     groups = experiments.make_groups(settings, cells)
@@ -70,9 +79,11 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     else:
         table = reports.pretrain_table(groups, draws=settings.draws)
         figure = reports.experiment_accuracies(groups, title=experiment.title)
-    missing = experiments.missing_sentences(cells, maker.failures)
+    missing = experiments.missing_sentences([*tries, *cells], maker.failures)
     markdown = reports.experiment_markdown(table, experiment.columns)
-    below = "".join(f"- {sentence}\n" for sentence in (*experiment.remarks, *missing))
+    below = "".join(
+        f"- {sentence}\n" for sentence in (*experiment.remarks, *chosen, *missing)
+    )
     heading = f"# {experiment.title}\n\n"
     write_text(path.with_suffix(".md"), f"{heading}{markdown}\n{below}".rstrip() + "\n")
     write_text(path.with_suffix(".csv"), reports.experiment_csv(table))

@@ -78,6 +78,14 @@ def test_pairs_train_networks_there(
     assert str(networks.device).startswith(device)
 
 
+def test_the_papers_encoder_trains_there(device: str) -> None:
+    networks, trainer = make_trainer(encoder="resnet18", device=device)
+    measured = trainer.step()
+    _, here = make_trainer(encoder="resnet18")
+    assert measured == pytest.approx(here.step(), rel=1e-3)
+    assert str(networks.device).startswith(device)
+
+
 def test_a_trainer_continues_there(device: str) -> None:
     (_, one), (_, other) = make_trainer(device=device), make_trainer(device=device)
     one.step()

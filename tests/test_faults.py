@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 import torch
 
 from benchmarks import faults
@@ -20,3 +21,20 @@ def test_a_damaged_file_of_each_kind_is_found(tmp_path: Path) -> None:
     (tmp_path / "d.xyz").touch()
     found = [name.partition(":")[0] for name in faults.broken_files(tmp_path)]
     assert found == ["a.pt", "b.csv", "c.json", "d.xyz"]
+
+
+@pytest.mark.slow
+def test_explorations_and_tours_start_at_once(tmp_path: Path) -> None:
+    """Six explorations and six tours in one directory: 12 folders, all whole.
+
+    The long form has 24 tours, and explorations that share a pre-training.
+    """
+    few = ("collect.decisions=128", "maze.episode_length=16", "evaluate.episodes=1")
+    explore = ("explore", "scale=smoke", "reward=coverage", "policy.hidden=16", *few)
+    found = faults.start_together(
+        tmp_path, [explore] * 6 + [("tour", "scale=smoke")] * 6
+    )
+    assert found["ended_well"] == 12, found["said"]
+    assert found["folders"] == {"explore": 6, "tour": 6}
+    none = ("hangs", "tracebacks", "broken", "stray", "left")
+    assert [found[name] for name in none] == [0, 0, [], [], []]

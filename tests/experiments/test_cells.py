@@ -40,7 +40,10 @@ def test_every_row_of_every_experiment_is_a_run(name: str, tmp_path: Path) -> No
         labels = {row.label for row in experiment.rows}
         assert {one.row for one in experiment.paper} <= labels
         assert {one.maze for one in experiment.paper} <= names
-        new = {kind(row): replace(row, against=None) for row in experiment.rows}
+        new = {
+            kind(row): replace(row, against=None, choice_of=None)
+            for row in experiment.rows
+        }
         rows = [row for key, row in new.items() if key not in SEEN]
         SEEN.update(new)
         cells = plan_cells(

@@ -33,8 +33,8 @@ def make_cell(tmp_path: Path, key: str, *words: str, first: Cell | None = None) 
 
 
 def make(tmp_path: Path, *cells: Cell, jobs: int = 1) -> RunMaker:
-    maker = RunMaker(recipes(tmp_path), jobs=jobs, poll_s=0.02, expected={})
-    maker.make(cells)
+    maker = RunMaker(recipes(tmp_path), jobs=jobs, poll_s=0.02)
+    maker.make(cells, {})
     return maker
 
 
@@ -115,7 +115,7 @@ def test_a_run_that_outlived_its_maker_is_waited_for(tmp_path: Path) -> None:
 
 def test_runs_are_asked_to_stop_with_their_maker(tmp_path: Path) -> None:
     cell = make_cell(tmp_path, "one", f"wait={tmp_path / 'go'}")
-    maker = RunMaker(recipes(tmp_path), jobs=1, poll_s=0.02, expected={})
+    maker = RunMaker(recipes(tmp_path), jobs=1, poll_s=0.02)
     found: list[subprocess.Popen[bytes]] = []
 
     def stop(_: object) -> str:
@@ -126,7 +126,7 @@ def test_runs_are_asked_to_stop_with_their_maker(tmp_path: Path) -> None:
 
     maker._progress = stop  # type: ignore[method-assign, assignment]
     with pytest.raises(KeyboardInterrupt):
-        maker.make([cell])
+        maker.make([cell], {})
     # It was asked, and had the time to save its state.
     assert found[0].returncode == -signal.SIGTERM
 

@@ -54,7 +54,9 @@ def make_trainer(
     torch.manual_seed(seed)
     shared = bool(arguments.pop("share_encoder", True))
     device = str(arguments.pop("device", "cpu"))
-    networks = make_networks(tiny_model(share_encoder=shared), WORLD, device=device)
+    encoder = str(arguments.pop("encoder", "small"))
+    model = tiny_model(share_encoder=shared, encoder=encoder)
+    networks = make_networks(model, WORLD, device=device)
     storage = LazyTensorStorage(90)
     storage.set(slice(0, 90), make_walks().flatten())
     config = OnlineConfig(

@@ -31,6 +31,10 @@ class RowConfig(Settings):
     against: str | None = None
     #: Mazes of this row alone; those of the experiment if there are none.
     mazes: list[str] = field(default_factory=list)
+    #: Settings that are drawn by chance, in place of the experiment's.
+    drawn: list[str] = field(default_factory=list)
+    #: The row whose drawn settings this one takes, too.
+    choice_of: str | None = None
 
 
 @dataclass
@@ -59,6 +63,10 @@ class ExperimentConfig(Settings):
     columns: list[str] = MISSING
     paper: list[PaperConfig] = MISSING
     remarks: list[str] = MISSING
+    #: Settings that are drawn by chance for each row, some tries each, and the mazes in
+    #: which they are tried: the best draw makes the row's runs.
+    drawn: list[str] = field(default_factory=list)
+    choose_on: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,6 +77,18 @@ class ExperimentConfig(Settings):
             known = row.against is None or row.against in labels
             rule = f"what row '{row.label}' is compared with must be a row"
             require(known, rule, f"'{row.against}'")
+            known = row.choice_of is None or row.choice_of in labels
+            rule = f"what row '{row.label}' takes its drawn settings from must be a row"
+            require(known, rule, f"'{row.choice_of}'")
+        draws = bool(self.drawn or any(row.drawn for row in self.rows))
+        rule = "experiment.choose_on must name mazes if settings are drawn"
+        require(bool(self.choose_on) or not draws, rule, "none")
+        rule = "experiment.drawn must be empty unless its recipe is explore"
+        require(self.recipe == "explore" or not draws, rule, f"{self.recipe}")
+
+    def drawn_of(self, row: RowConfig) -> list[str]:
+        """The settings that are drawn for a row; none if it takes another's."""
+        return [] if row.choice_of else list(row.drawn or self.drawn)
 
 
 @dataclass
@@ -78,6 +98,7 @@ class ReproduceConfig(Settings):
     experiment: ExperimentConfig = MISSING
     scale: str = one_of("smoke", "laptop", "paper")
     seeds: int = at_least(1)
+    tries: int = at_least(0)
     most_mazes: int | None = at_least(1)
     rows: list[str] = MISSING
     explore_overrides: list[str] = MISSING

@@ -1,10 +1,18 @@
 """Experiments as data: which runs a table needs, where they are, how they are made."""
 
 from toponav.experiments.cells import Cell as Cell, plan_cells as plan_cells
+from toponav.experiments.choosing import (
+    Choice as Choice,
+    choice_sentences as choice_sentences,
+    choose as choose,
+    plan_tries as plan_tries,
+    with_choices as with_choices,
+)
 from toponav.experiments.estimates import (
     announce as announce,
     expected_seconds as expected_seconds,
     missing_cells as missing_cells,
+    to_make as to_make,
 )
 from toponav.experiments.groups import (
     make_groups as make_groups,

@@ -48,6 +48,14 @@ def expected_seconds(
     return found, len(every)
 
 
+def to_make(
+    settings: ReproduceConfig, cells: Sequence[Cell]
+) -> tuple[list[Cell], dict[str, float]]:
+    """The missing cells, and how many seconds each should take, by key."""
+    expected, _ = expected_seconds(settings, cells)
+    return missing_cells(cells), expected
+
+
 def missing_pretrainings(cells: Sequence[Cell]) -> set[Path]:
     """Folders of the pre-trainings that these explorations begin with."""
     folders = set()

@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,27 +46,24 @@ class RunMaker:
         recipes: the folder of the recipes.
         jobs: runs side by side.
         poll_s: seconds between two looks at them.
-        expected: seconds that each run should take, by key, for the time that is left.
     """
 
-    def __init__(
-        self,
-        recipes: Path,
-        *,
-        jobs: int,
-        poll_s: float,
-        expected: dict[str, float],
-    ) -> None:
+    def __init__(self, recipes: Path, *, jobs: int, poll_s: float) -> None:
         self.recipes, self.jobs, self.poll_s = recipes, jobs, poll_s
-        self.expected = expected
+        self.expected: Mapping[str, float] = {}
         #: By key, the sentence with which a run failed.
         self.failures: dict[str, str] = {}
         self._running: list[_Job] = []
         self._done: set[str] = set()
         self._took = self._should = 0.0
 
-    def make(self, cells: Sequence[Cell]) -> None:
-        """Make the cells, each once, first runs before those that need them."""
+    def make(self, cells: Sequence[Cell], expected: Mapping[str, float]) -> None:
+        """Make the cells, each once, first runs before those that need them.
+
+        ``expected`` are the seconds that each should take, by key, for the time that is
+        left.
+        """
+        self.expected = expected
         waiting = list({cell.key: cell for cell in cells}.values())
         total = len(waiting)
         with tqdm(total=total, unit="run", smoothing=0) as bar:

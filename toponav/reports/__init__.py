@@ -12,6 +12,7 @@ from toponav.reports.experiment_figures import (
 from toponav.reports.experiment_report import (
     Group as Group,
     explore_table as explore_table,
+    judged_score as judged_score,
     pretrain_table as pretrain_table,
     require_columns as require_columns,
 )

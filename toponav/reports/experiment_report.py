@@ -146,6 +146,11 @@ def _judged(one: Exploration) -> pd.DataFrame:
     return one.evaluation[one.evaluation["policy"] == JUDGED]
 
 
+def judged_score(run: Path) -> float:
+    """Mean score of a finished exploration's judged policy; its coverage, in %."""
+    return float(_judged(read_exploration(run))["score"].mean())
+
+
 def stack_runs(values: Mapping[int, Floats]) -> Floats:
     """``[R, E]``, of the episodes that all runs have."""
     least = min(map(len, values.values()))
