@@ -69,7 +69,8 @@ def main(settings: ExploreConfig, folder: Path) -> None:
         # A run that is over goes on if it is given more decisions.
         state.count(0, state.seconds, settings.collect)
     else:
-        training.save_exploration(folder, state, consumers)
+        with stop_requests():
+            training.save_exploration(folder, state, consumers)
 
     # Other processes explore, here or on other machines, with weights from a mailbox.
     mailbox = training.make_mailbox(settings, explorer, state.versions)

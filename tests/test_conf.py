@@ -217,8 +217,7 @@ def test_a_layout_of_ones_own_goes_by_the_name_of_its_file() -> None:
 def test_the_papers_scale_caps_nothing_and_compares_all_waypoints() -> None:
     found = settings("explore", "scale=paper")
     assert isinstance(found, ExploreConfig)
-    # The first view of an episode and 1,800 decisions: each may become a waypoint.
-    assert found.reward.capacity == found.world.episode_length + 1
+    assert found.reward.capacity is None
     assert found.map.capacity is None
     assert found.map.nearby is None
     assert found.map.shortlist is None

@@ -26,27 +26,31 @@ from tests.training.test_map_growth import (
     make_pose_growth,
     through_the_ring,
 )
+from tests.transforms.colour_world import reset, step
+from tests.transforms.test_waypoint_truth import at
 from toponav.builders import PLACES_FILE, load_places, make_networks
 from toponav.methods import LEARNERS
 from toponav.training import ContinuedTraining, LocomotionFinetuner
+from toponav.transforms import WaypointTruth
 
 ROOT = Path(__file__).parent.parent
 
 
-@pytest.fixture(
-    params=[
-        NAME,
-        pytest.param(
-            "cuda",
-            marks=[
-                pytest.mark.gpu,
-                pytest.mark.skipif(
-                    not torch.cuda.is_available(), reason="needs a CUDA device"
-                ),
-            ],
-        ),
-    ]
-)
+NAMES = [
+    NAME,
+    pytest.param(
+        "cuda",
+        marks=[
+            pytest.mark.gpu,
+            pytest.mark.skipif(
+                not torch.cuda.is_available(), reason="needs a CUDA device"
+            ),
+        ],
+    ),
+]
+
+
+@pytest.fixture(params=NAMES)
 def device(request: pytest.FixtureRequest) -> Iterator[str]:
     """The name of a device that is not the processor."""
     if request.param == NAME:
@@ -180,28 +184,46 @@ def test_a_map_by_poses_and_its_places_are_made_there(
     assert load_places(tmp_path / PLACES_FILE, num_places=number, setting="run")
 
 
-@pytest.mark.slow
-def test_recipes_run_there(tmp_path: Path) -> None:
-    """Pre-training, exploring with all that trains, a resume of it, and the default."""
+def test_the_truth_about_waypoints_stays_small_there(device: str) -> None:
+    truth, long = WaypointTruth(96.0), 30
+    for _ in range(10):
+        for decision in range(long):
+            pose = at((decision * 90, 0, 0), is_new_waypoint=decision % 10 == 0)
+            (reset if decision == 0 else step)(truth, pose.to(device))
+    # Three waypoints an episode: 1, 2 and 4 slots.
+    assert truth.poses.shape[1] <= 4
 
-    def run(name: str, *overrides: str) -> None:
-        done = run_forked(name, *overrides, inside=StandInDevice())
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_recipes_run_there(name: str, tmp_path: Path) -> None:
+    """Pre-training, a resume of it, another one from its networks; then exploring.
+
+    With all that trains, a resume of that, and the default.
+    """
+
+    def run(recipe: str, *overrides: str) -> None:
+        if name == NAME and recipe == "explore":
+            done = run_forked(recipe, *overrides, inside=StandInDevice())
+        else:
+            script = [str(ROOT / "tests/stand_in_device.py")] if name == NAME else []
+            done = subprocess.run(
+                [sys.executable, *script, f"{ROOT}/recipes/{recipe}.py", *overrides],
+                capture_output=True,
+                text=True,
+                timeout=280,
+                check=False,
+            )
         assert done.returncode == 0, done.stderr
 
-    small = ("scale=smoke", f"device={NAME}", "model.embedding_dim=8")
+    small = ("scale=smoke", f"device={name}", "model.embedding_dim=8")
     networks, folder = tmp_path / "networks", tmp_path / "run"
     validate = ("validate.decisions=60", "validate.every=2", "validate.pairs=20")
     updates = ("train.updates=2", "train.warmup=1", "collect.decisions=512")
-    script = ROOT / "tests" / "stand_in_device.py"
-    words = [*small, *updates, *validate, f"hydra.run.dir={networks}"]
-    done = subprocess.run(
-        [sys.executable, str(script), str(ROOT / "recipes/pretrain.py"), *words],
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    run("pretrain", *small, *updates, *validate, f"hydra.run.dir={networks}")
+    run("pretrain", f"resume={networks}", "train.updates=3")
+    other = (f"init_from={networks}", f"hydra.run.dir={tmp_path}/other")
+    run("pretrain", *small, *updates, *validate, *other)
     run(
         "explore",
         *small,

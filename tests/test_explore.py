@@ -339,7 +339,11 @@ def test_a_loss_that_explodes_stops_the_run(networks: Path, tmp_path: Path) -> N
         ("+reward.foo=1", "'reward.foo' must be a setting of explore, got none"),
         ("=3", "a setting must have a name before its equals sign, got '=3'"),
         ("--foo", "what begins with a dash must be a flag of Hydra's"),
-        ("policy.view_size=100000000", "fit into this machine's memory and disk"),
+        (
+            "policy.view_size=100000000",
+            "fit into this machine's memory and disk (smaller with smaller "
+            "collect.envs and policy.view_size)",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(

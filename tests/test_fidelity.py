@@ -255,7 +255,8 @@ def pairs(cell: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("row", table(PAPER), ids=lambda row: row[0][:40])
 def test_scale_paper_has_what_the_table_says(row: list[str]) -> None:
-    _, where, has, letter = row
+    _, where, has, letter, why = row
+    assert why
     recipe = "explore" if where == "all" else where
     scale = (
         ("maze=maze1", "navigate=paper") if recipe == "navigate" else ("scale=paper",)

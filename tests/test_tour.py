@@ -108,7 +108,13 @@ def test_a_refused_tour_without_settings_leaves_no_folder(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_sigterm_in_mid_run_leaves_no_engine(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("sent", "said"),
+    [(signal.SIGTERM, ""), (signal.SIGINT, "tour: stopped by Ctrl-C")],
+)
+def test_a_signal_in_mid_run_leaves_no_engine(
+    sent: signal.Signals, said: str, tmp_path: Path
+) -> None:
     run = subprocess.Popen(
         [sys.executable, str(RECIPE), "decisions=100000"],
         cwd=tmp_path,
@@ -119,8 +125,11 @@ def test_sigterm_in_mid_run_leaves_no_engine(tmp_path: Path) -> None:
     while "decision/s" not in (text := run.stderr.read(64)):
         assert text, "the recipe ended before its walk began"
     time.sleep(1.0)
-    run.send_signal(signal.SIGTERM)
-    assert run.wait(30) == 128 + signal.SIGTERM
+    run.send_signal(sent)
+    rest = run.stderr.read()
+    assert run.wait(30) == 128 + sent
+    assert "Traceback" not in rest
+    assert said in rest.splitlines()[-1:] or not said
     run.stderr.close()
     mine = f"PPid:\t{run.pid}\n"
     for status in Path("/proc").glob("[0-9]*/status"):

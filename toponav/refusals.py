@@ -15,6 +15,13 @@ from toponav.methods import METHODS
 
 REFUSALS = (HydraException, OmegaConfBaseException, SettingsError)
 FAILURES = (EngineError, TrainingError)
+# Settings by which a run takes more or less memory.
+_SIZES = {
+    "explore": ("collect.envs", "policy.view_size"),
+    "pretrain": ("collect.buffer_gb", "pairs.per_update"),
+    "navigate": ("evaluate.episodes", "maze.episode_length"),
+    "tour": ("decisions", "height"),
+}
 # What torch and others say when memory or the disk is full; no type tells it.
 _FULL = re.compile(
     r"allocat|out of memory|shared memory|Storage size|PytorchStreamWriter|enforce fail"
@@ -33,8 +40,15 @@ def sentence_of(error: Exception, name: str) -> str | None:
         found = f"the files of a run must be readable and writable, got {error}"
     elif isinstance(error, MemoryError | OverflowError) or _FULL.search(str(error)):
         given = str(error).strip().splitlines() or ["too little"]
-        found = f"a run must fit into this machine's memory and disk, got: {given[0]}"
+        rule = "a run must fit into this machine's memory and disk"
+        found = f"{rule}{_smaller(name)}, got: {given[0]}"
     return found and re.sub(r"\s*\n\s*", " ", found)
+
+
+def _smaller(name: str) -> str:
+    """The settings of a recipe that decide most about how much it takes."""
+    names = _SIZES.get(name)
+    return f" (smaller with smaller {' and '.join(names)})" if names else ""
 
 
 def _refusal(error: Exception, name: str) -> str:

@@ -157,6 +157,13 @@ def damaged(path, how):
     elif how == "list":
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("graph.json", "[1]")
+    elif how == "liar":  # its header promises far more than there is
+        file = io.BytesIO()
+        header = {"descr": "<f4", "fortran_order": False, "shape": (3, 10**9)}
+        np.lib.format.write_array_header_1_0(file, header)
+        rewrite(path, "embeddings.npy", file.getvalue())
+    elif how == "deep":
+        rewrite(path, "graph.json", b"[" * 100_000 + b"]" * 100_000)
     elif how == "bomb":
         rewrite(path, "embeddings.npy", bytes(80_000_000))
     elif how in EMBEDDINGS:
@@ -181,6 +188,8 @@ def damaged(path, how):
         ("flipped", "got the damaged "),
         ("list", "got the damaged "),
         ("bomb", "got the damaged .*a huge entry"),
+        ("liar", "got the damaged "),
+        ("deep", "got the damaged "),
         ("nan", "got the damaged .*NaN or infinity in its embeddings"),
         ("complex", "got the damaged .*embeddings of complex64"),
         ("one dimension", r"got the damaged .*embeddings of float32 \(3,\)"),

@@ -93,6 +93,21 @@ def test_their_file_is_that_of_what_they_depend_on(tmp_path: Path) -> None:
     assert len(found) == 2
 
 
+def test_half_a_file_of_a_killed_run_goes(
+    config: ExploreConfig, plays: list[str]
+) -> None:
+    file = baselines.baselines_file(config, world_of(config))
+    file.parent.mkdir(parents=True)
+    half, other = (
+        file.with_name(f".{stem}.4711.json") for stem in (file.stem, "maze9-abc")
+    )
+    half.touch()
+    other.touch()  # of another maze, which somebody may be writing
+    assert rows_of(config) == PLAYED
+    assert not half.exists()
+    assert other.exists()
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [('"rows"', '"row"'), ('"sticky"', '"stuck"'), ("0.5", "null"), ("1", "2")],

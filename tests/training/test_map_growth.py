@@ -441,3 +441,17 @@ def test_a_map_whose_poses_do_not_fit_is_said_to_stay(pose_growth, capsys) -> No
     assert growth.consolidate() is None
     assert growth.map.num_waypoints == before == growth.growth[-1][1]
     assert "map: as it grew" in "".join(capsys.readouterr())
+
+
+def test_a_waypoint_of_the_papers_network_takes_at_most_8_kb(tmp_path) -> None:
+    # Embedding and what is compared: 512 numbers of four bytes each, and some counts.
+    config = settings("model=resnet18", "model.embedding_dim=512", "map.envs=null")
+    world = world_of(config)
+    networks = make_networks(config.model, world.spec)
+    networks.modules.eval()
+    networks.thresholds = dict(THRESHOLDS)
+    growth = MapGrowth(config, world, networks, tmp_path)
+    waypoints = growth.map.waypoints
+    embeddings = torch.randn(10, 512)
+    held = embeddings.nbytes + waypoints.entries_of(embeddings).nbytes
+    assert 10 * 4096 <= held <= 10 * 8000

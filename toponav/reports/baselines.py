@@ -21,7 +21,7 @@ from toponav.reports.exploration_evaluation import (
     Evaluation,
     evaluate_policies,
 )
-from toponav.runs import locked, require_room, write_text
+from toponav.runs import locked, remove_halves_of, require_room, write_text
 from toponav.training import Explorer, Row, make_coverage, mean_of
 
 # To be raised if policies, scenes or what counts as covered change.
@@ -130,6 +130,7 @@ def play_baselines(settings: ExploreConfig, world: World) -> list[Row]:
     """
     file, rows = baselines_file(settings, world), None
     with suppress(OSError), locked(file.with_name(f".{file.stem}.lock")):
+        remove_halves_of(file)
         if (rows := find_baselines(settings, world)) is None:
             rows, is_whole = _play(settings, world)
             if is_whole:

@@ -11,6 +11,7 @@ from toponav.runs.files import (
     make_loggers as make_loggers,
     reading_checkpoint as reading_checkpoint,
     remove_halves as remove_halves,
+    remove_halves_of as remove_halves_of,
     replacing as replacing,
     save_atomically as save_atomically,
     write_array as write_array,

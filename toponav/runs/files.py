@@ -67,6 +67,13 @@ def remove_halves(folder: Path) -> None:
                 path.unlink(missing_ok=True)
 
 
+def remove_halves_of(path: Path) -> None:
+    """Remove what `replacing` left of one file; only its lock's holder may do so."""
+    for half in path.parent.glob(f".{path.stem}.*{path.suffix}"):
+        if re.fullmatch(rf"\.{re.escape(path.stem)}\.\d+{path.suffix}", half.name):
+            half.unlink(missing_ok=True)
+
+
 def save_atomically(state: dict[str, object], path: Path) -> None:
     """Write tensors and plain values as one file."""
     with replacing(path) as temporary, temporary.open("wb") as file:

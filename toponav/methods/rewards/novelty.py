@@ -51,7 +51,7 @@ class NoveltyConfig(RewardConfig):
     persistence: int = at_least(1)
     min_gap: int = at_least(1)
     count_on: str = one_of("every", "entry")
-    capacity: int = at_least(1)
+    capacity: int | None = at_least(1)
 
     @property
     def weights(self) -> tuple[float, float]:
@@ -76,6 +76,8 @@ class NoveltyMethod(RewardMethod):
         self, settings: ExploreConfig, world: World, networks: Networks | None
     ) -> None:
         super().__init__(settings, world, networks)
+        # The first view of an episode comes before its first decision.
+        self.most_waypoints = self.config.capacity or world.episode_length + 1
         self.motion = world.spec.motion
         # Waypoints of running episodes are embedded again when the networks change.
         self.keep_images = settings.online.learn
@@ -120,7 +122,7 @@ class NoveltyMethod(RewardMethod):
             compare,
             prepare=prepare,
             in_keys=[keys.NETWORK_PIXELS],
-            capacity=config.capacity,
+            capacity=self.most_waypoints,
             threshold=float(self.novelty.threshold),
             persistence=config.persistence,
             min_gap=config.min_gap,

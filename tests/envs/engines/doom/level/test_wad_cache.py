@@ -1,6 +1,8 @@
 """WAD files on disk."""
 
 import hashlib
+import os
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -46,6 +48,17 @@ def test_many_writers_leave_one_whole_file(cache: Path) -> None:
         paths = set(pool.map(lambda _: wad_file(maze.wad), range(64)))
     assert [path.read_bytes() for path in paths] == [maze.wad]
     assert list(cache.iterdir()) == list(paths)
+
+
+def test_what_a_killed_writer_left_goes_after_an_hour(cache: Path) -> None:
+    wad_file(compile_maze(LANE).wad)
+    old, new = cache / ".a.half", cache / ".b.half"
+    for half, age in ((old, 4000), (new, 60)):
+        half.touch()
+        os.utime(half, (time.time() - age,) * 2)
+    wad_file(compile_maze(HALL).wad)
+    assert not old.exists()
+    assert new.exists()
 
 
 def test_without_a_cache_folder_a_temporary_one_serves(

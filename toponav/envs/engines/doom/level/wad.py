@@ -10,7 +10,9 @@ import struct
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
@@ -21,6 +23,8 @@ from toponav.envs.game import EngineError
 
 _HEADER_SIZE = 12
 _SECONDS = 120.0
+# What has this suffix and this age in seconds, nobody goes on writing.
+_HALF, _OLD_S = ".half", 3600.0
 _LOAD_ONCE = """
 import sys, vizdoom
 wad, map_name, ini = sys.argv[1:]
@@ -82,10 +86,21 @@ def wad_file(wad: bytes) -> Path:
     """The file of a WAD, named by its content and written atomically."""
     path = cache_folder() / f"{hashlib.sha256(wad).hexdigest()}.wad"
     if not path.exists() or path.read_bytes() != wad:
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+        _remove_halves(path.parent)
+        with tempfile.NamedTemporaryFile(
+            dir=path.parent, prefix=".", suffix=_HALF, delete=False
+        ) as file:
             file.write(wad)
         os.replace(file.name, path)
     return path
+
+
+def _remove_halves(folder: Path) -> None:
+    """Remove what processes that were killed have not finished writing."""
+    for half in folder.glob(f".*{_HALF}"):
+        with suppress(FileNotFoundError):
+            if time.time() - half.stat().st_mtime > _OLD_S:
+                half.unlink()
 
 
 def check_wad(wad: Path, map_name: str, *, seconds: float = _SECONDS) -> None:
