@@ -38,6 +38,7 @@ from toponav.builders import (
     Networks,
     World,
     collect_batches,
+    has_fast_bf16,
     make_networks,
     prepare_process,
     stop_collector,
@@ -75,6 +76,7 @@ PROFILES = {
 }
 ALWAYS_NOVEL = ["reward.threshold=0.999", "reward.persistence=1"]
 WINDOWS = 12
+LIMITS = ("ATEN_CPU_CAPABILITY", "ONEDNN_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS")
 
 
 def compose_settings(recipe: str, words: list[str]) -> Any:
@@ -225,6 +227,9 @@ def main() -> None:
         "ratio": best / roof,
         "milliseconds_of_a_core": {name: 1e3 * s for name, s in parts.items()},
         "shares": shares,
+        # By which a processor computes like an older one.
+        "limits": {name: os.environ[name] for name in LIMITS if name in os.environ},
+        "bf16": has_fast_bf16(torch.device("cpu")),
         "cores": cores,
         "load": os.getloadavg()[0],
     }

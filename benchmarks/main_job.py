@@ -56,7 +56,7 @@ def run(maze: str, seed: int, work: Path, overrides: list[str]) -> dict[str, Any
     """One main job; its folder keeps what it wrote, and what was measured of it."""
     folder, kept = work / f"{maze}-{seed}", work / f"{maze}-{seed}.json"
     if kept.is_file():
-        return json.loads(kept.read_text())
+        return json.loads(kept.read_text()) | kept_policy(folder)
     # What one that was cut off has left would be found again, or refused.
     for one in ("", "-pretrain", "-random"):
         shutil.rmtree(f"{folder}{one}", ignore_errors=True)
@@ -85,7 +85,15 @@ def run(maze: str, seed: int, work: Path, overrides: list[str]) -> dict[str, Any
     found |= {"minutes": (ended - began) / 60, "first_pictures_after_s": first}
     found |= read_run(folder, samples)
     kept.write_text(json.dumps(found, indent=1))
-    return found
+    return found | kept_policy(folder)
+
+
+def kept_policy(folder: Path) -> dict[str, Any]:
+    """Which policy a finished run kept, the one evaluated first, and its coverage."""
+    rows = pd.read_csv(folder / "evaluation.csv")
+    name = rows["policy"].iloc[0]
+    covered = rows["coverage"][rows["policy"] == name].mean()
+    return {"kept": name, "kept_coverage": covered}
 
 
 def read_run(folder: Path, samples: list[tuple[float, ...]]) -> dict[str, Any]:

@@ -2,11 +2,13 @@
 
     python benchmarks/main_rows.py runs/explore/maze1-... --out results/main_rows.csv
 
-Coverage is in % of the maze, of the policies that the run evaluated at its end,
-decisions to 90 % are of the episodes that reached it, and minutes are those of the
-phases. The map is that of the last row of ``map.csv``, and ``networks`` the maze that
-the networks were trained in. Beside ``decisions_to_cover``, the decisions of the run
-until its map covered every cell, stand those of random walks in its place (mean of
+Coverage is in % of the maze, of the policies that the run evaluated at its end.
+Decisions to 90 % are of the episodes that reached it; of the policy that the run kept
+(``kept``) also with those that missed it, as if they had reached it at their end.
+Minutes are those of the phases. The map is that of the last row of ``map.csv``, and
+``networks`` the maze that the networks were trained in. Beside ``decisions_to_cover``,
+the decisions of the run until its map covered every cell, stand those of random walks
+in its place (mean of
 three seeds): until the agents that feed the map have seen every cell, in decisions of
 all agents.
 """
@@ -74,12 +76,18 @@ def read_run(run: Path) -> dict[str, object]:
         reached = to_90[to_90 >= 0]
         row[f"{name}_episodes_at_90"] = f"{len(reached)} of {len(to_90)}"
         row[f"{name}_decisions_to_90"] = round(reached.mean()) if len(reached) else -1
+    # The policy with more reward comes first.
+    kept = next(iter(pd.read_csv(run / "evaluation.csv")["policy"]))
+    to_90 = played.get_group(kept)["decisions_to_90"]
+    length = settings.maze.episode_length
+    row |= {"kept": kept, "kept_coverage": round(coverage[kept], 1)}
+    row["kept_decisions_to_90_or_end"] = round(to_90.where(to_90 >= 0, length).mean())
     for number, name in enumerate(("pretrain", "explore", "finish")):
         took = phases.iloc[number] if len(phases) == 3 else np.nan
         row[f"minutes_{name}"] = round(took / 60, 1)
     row["waypoints_per_cell"] = round(last["waypoints"] / last["cells"], 1)
     row |= {name: float(f"{last[name]:.4g}") for name in MAP}
-    envs, length = settings.collect.envs, settings.maze.episode_length
+    envs = settings.collect.envs
     given = settings.maze.name, settings.map.envs or envs, envs, length
     walked = [random_to_cover(*given, seed) for seed in range(3)]
     return row | {"random_decisions_to_cover": round(sum(walked) / 3)}

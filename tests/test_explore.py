@@ -100,6 +100,11 @@ def run(networks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert float(found[1]) <= float(found[2])
     assert "coverage " in done.stderr
     assert "waypoints " in done.stderr
+    phase = "phase 1 of 2: explore, then evaluate and finish map and networks; all done"
+    assert phase in done.stderr
+    took = {row["phase"]: float(row["seconds"]) for row in rows(folder / "phases.csv")}
+    assert list(took) == ["explore", "evaluate and finish map and networks"]
+    assert all(seconds > 0 for seconds in took.values())
     return folder
 
 

@@ -136,6 +136,22 @@ def rewrite(path, name, content):
             archive.writestr(entry, data)
 
 
+def lying_header() -> bytes:
+    """Of an array that promises far more than there is."""
+    file = io.BytesIO()
+    header = {"descr": "<f4", "fortran_order": False, "shape": (3, 10**9)}
+    np.lib.format.write_array_header_1_0(file, header)
+    return file.getvalue()
+
+
+#: Which file of the map, and its bad content.
+ENTRIES = {
+    "bomb": ("embeddings.npy", lambda: bytes(80_000_000)),
+    "liar": ("embeddings.npy", lying_header),
+    "deep": ("graph.json", lambda: b"[" * 100_000 + b"]" * 100_000),
+}
+
+
 def damaged(path, how):
     data = path.read_bytes()
     if how == "empty":
@@ -157,15 +173,9 @@ def damaged(path, how):
     elif how == "list":
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("graph.json", "[1]")
-    elif how == "liar":  # its header promises far more than there is
-        file = io.BytesIO()
-        header = {"descr": "<f4", "fortran_order": False, "shape": (3, 10**9)}
-        np.lib.format.write_array_header_1_0(file, header)
-        rewrite(path, "embeddings.npy", file.getvalue())
-    elif how == "deep":
-        rewrite(path, "graph.json", b"[" * 100_000 + b"]" * 100_000)
-    elif how == "bomb":
-        rewrite(path, "embeddings.npy", bytes(80_000_000))
+    elif how in ENTRIES:
+        name, make_content = ENTRIES[how]
+        rewrite(path, name, make_content())
     elif how in EMBEDDINGS:
         file = io.BytesIO()
         np.save(file, EMBEDDINGS[how])

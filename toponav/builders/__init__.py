@@ -73,6 +73,7 @@ from toponav.builders.pretraining import (
 from toponav.builders.processes import (
     CollectionError as CollectionError,
     collect_batches as collect_batches,
+    has_fast_bf16 as has_fast_bf16,
     keep_freed_memory as keep_freed_memory,
     make_autocast as make_autocast,
     make_device as make_device,
