@@ -2,6 +2,7 @@ r"""The main job as users run it, from nothing: how long each phase takes, and w
 
     python benchmarks/main_job.py --mazes maze3 --seeds 101 102 103 \
         --out results/main_job.json
+    python benchmarks/main_job.py --seeds 101 --again --out results/second_run.json
     python benchmarks/main_job.py --seeds 101 --work runs/first_look --out \
         results/first_look.json pretrained=package:maze3 collect.decisions=40000 \
         evaluate.episodes=2 evaluate.random_episodes=2
@@ -13,7 +14,8 @@ phase stands the share of all cores that were busy, when the first pictures came
 the run reached, and the share of a roof: what the phase would take if all cores did
 nothing but the products of its networks (in the faster precision, at the rate of one
 large product) and the engines' decisions. All are means over whole phases. Runs that
-are finished are not made again.
+are finished are not made again. With ``--again`` each is followed by another one with
+another seed, which finds its networks and blind baselines: what a second run saves.
 """
 
 import argparse
@@ -43,6 +45,8 @@ from toponav.modules import PlaceNetwork
 from toponav.reports import EVALUATE, EXPLORE, PRETRAIN
 from toponav.training import PlaceRules
 
+#: Added to the seed of a second run.
+AGAIN = 1000
 ROOT = Path(__file__).resolve().parent.parent
 #: What is waited for: coverage and a map of a random walk, while the networks train;
 #: coverage and the map of the exploration.
@@ -52,18 +56,27 @@ PICTURES = {
 }
 
 
-def run(maze: str, seed: int, work: Path, overrides: list[str]) -> dict[str, Any]:
-    """One main job; its folder keeps what it wrote, and what was measured of it."""
-    folder, kept = work / f"{maze}-{seed}", work / f"{maze}-{seed}.json"
+def run(
+    maze: str, seed: int, work: Path, overrides: list[str], *, again: bool = False
+) -> dict[str, Any]:
+    """One main job; its folder keeps what it wrote, and what was measured of it.
+
+    With ``again`` it is one more, with another seed of exploring, which finds the
+    networks and the blind baselines of the first one.
+    """
+    first = work / f"{maze}-{seed}"
+    folder = Path(f"{first}-again") if again else first
+    kept = Path(f"{folder}.json")
     if kept.is_file():
         return json.loads(kept.read_text()) | kept_policy(folder)
     # What one that was cut off has left would be found again, or refused.
-    for one in ("", "-pretrain", "-random"):
+    for one in ("",) if again else ("", "-pretrain", "-random"):
         shutil.rmtree(f"{folder}{one}", ignore_errors=True)
-    words = [f"maze={maze}", "reward.alpha=0.2", f"seed={seed}"]
+    own = seed + AGAIN if again else seed
+    words = [f"maze={maze}", "reward.alpha=0.2", f"seed={own}"]
     words += [f"pretraining.seed={seed}", *overrides]
-    paths = [f"pretraining.folder={folder}-pretrain", f"hydra.run.dir={folder}"]
-    paths += [f"evaluate.random_folder={folder}-random"]
+    paths = [f"pretraining.folder={first}-pretrain", f"hydra.run.dir={folder}"]
+    paths += [f"evaluate.random_folder={first}-random"]
     command = [sys.executable, str(ROOT / "recipes" / "explore.py"), *words, *paths]
     began, load, samples = time.time(), os.getloadavg()[0], []
     first: dict[str, float] = {}
@@ -214,13 +227,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--mazes", nargs="+", default=["maze3"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[101, 102, 103])
+    parser.add_argument(
+        "--again", action="store_true", help="each a second time, with what is kept"
+    )
     parser.add_argument("--work", type=Path, default=Path("runs/main_job"))
     parser.add_argument("--out", type=Path)
     parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
     arguments = parser.parse_args()
-    arguments.work.mkdir(parents=True, exist_ok=True)
+    work = arguments.work.resolve()
+    work.mkdir(parents=True, exist_ok=True)
     runs = [
-        run(maze, seed, arguments.work.resolve(), arguments.overrides)
+        run(maze, seed, work, arguments.overrides)
         for maze in arguments.mazes
         for seed in arguments.seeds
     ]
@@ -228,6 +245,12 @@ def main() -> None:
     explore = make_settings("laptop", ["maze=maze3", *arguments.overrides])
     last = arguments.work / f"{arguments.mazes[-1]}-{arguments.seeds[-1]}"
     least = roofs(explore, compose_settings("pretrain", ["maze=maze3"]), last)
+    second = [
+        run(maze, seed, work, arguments.overrides, again=True)
+        for maze in arguments.mazes
+        for seed in arguments.seeds
+        if arguments.again
+    ]
     # The mean over the runs, against the roof of the phase.
     phases = {}
     for name, parts in least.items():
@@ -245,6 +268,7 @@ def main() -> None:
         "minutes": sum(one["minutes"] for one in runs) / len(runs),
         "phases": phases,
         "runs": runs,
+        "second_runs": second,
         "cores": len(os.sched_getaffinity(0)),
         "processor": platform.processor() or platform.machine(),
         "load": os.getloadavg()[0],

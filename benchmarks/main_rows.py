@@ -8,9 +8,8 @@ Decisions to 90 % are of the episodes that reached it; of the policy that the ru
 Minutes are those of the phases. The map is that of the last row of ``map.csv``, and
 ``networks`` the maze that the networks were trained in. Beside ``decisions_to_cover``,
 the decisions of the run until its map covered every cell, stand those of random walks
-in its place (mean of
-three seeds): until the agents that feed the map have seen every cell, in decisions of
-all agents.
+in its place (mean of three seeds): until the agents that feed the map have seen every
+cell, in decisions of all agents.
 """
 
 import argparse

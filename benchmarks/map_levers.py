@@ -57,7 +57,13 @@ LEVERS: dict[str, dict[str, Any]] = {
     "turns, lower threshold": TURNS | LOWER,
     "sure edges, lower threshold": SURE | LOWER,
     "all": {**TURNS, **SURE, **LOWER},
+    "no surroundings": {"surroundings": 0},
+    "surroundings 8": {"surroundings": 8},
+    "surroundings above 0.8": {"surroundings_above": 0.8},
+    "edges both": {"edges": "both"},
+    "untraversed edges cost 1": {"untraversed_edge_cost": 1.0},
     "poses": {"poses": True},
+    "poses, no surroundings": {"poses": True, "surroundings": 0},
 }
 #: Which moves become edges of a map by poses: other rows of the table.
 MOVES: dict[str, MoveRules] = {

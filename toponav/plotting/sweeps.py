@@ -72,12 +72,15 @@ def draw_learning_curves(
     return figure
 
 
-def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> Figure:
+def draw_sweep(
+    values: pd.DataFrame, *, x: str, label: str, title: str = "", same_y: bool = True
+) -> Figure:
     """Draw values over a swept setting: a dot a run, and their means.
 
     Numbers that span more than a factor of ten get a logarithmic axis. ``values`` has
     a row a run: ``panel`` and ``line`` (their names), ``at`` (the setting ``x``, as
-    text) and ``value``; ``label`` stands at the vertical axis.
+    text) and ``value``; ``label`` stands at the vertical axis, which all panels have
+    in common if ``same_y``.
 
     Examples:
         >>> rows = [("", "TC", "2", 81.0), ("", "TC", "2", 83.0), ("", "TC", "4", 92.0)]
@@ -88,7 +91,7 @@ def draw_sweep(values: pd.DataFrame, *, x: str, label: str, title: str = "") -> 
     """
     panels = values.groupby("panel", sort=False)
     figure, grid = _new_grid(len(panels), title)
-    for axes in grid[1:]:
+    for axes in grid[1:] if same_y else ():
         axes.sharey(grid[0])
     for axes, (heading, panel) in zip(grid, panels, strict=True):
         names = panel["at"].unique()
