@@ -6,9 +6,9 @@ r"""Exploration and its map in mazes from 11x13 to 41x41: what grows with the ar
 Each run is a main job from nothing in a generated maze (``benchmarks/main_job.py``): R
 x C rooms make a plan of 2 R + 1 by 2 C + 1 cells, border included. Episodes grow with
 the number of open cells, so that each cell has as many decisions as in the smallest
-maze at 1,800; the memory of an episode has room for every view. Beside the agent stand random
-walks and the frontier expert, who knows the plan, in episodes of that length. Runs that
-are finished are not made again.
+maze at 1,800; the memory of an episode has room for every view. Beside the agent stand
+random walks and the frontier expert, who knows the plan, in episodes of that length.
+Runs that are finished are not made again.
 """
 
 import argparse
