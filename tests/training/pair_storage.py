@@ -15,7 +15,13 @@ from toponav.worlds import WorldSpec
 WORLD = WorldSpec(view_size=(16, 24), actions=("left", "right", "on"))
 
 
-def make_walks(*, episodes: int = 3, length: int = 30, first: int = 0) -> TensorDict:
+def make_walks(
+    *,
+    episodes: int = 3,
+    length: int = 30,
+    first: int = 0,
+    size: tuple[int, int] = (8, 12),
+) -> TensorDict:
     """Frames ``[E, T]``: views brighten with time, which decides the action."""
     shape = (episodes, length)
     step = torch.arange(length).expand(shape)
@@ -23,7 +29,7 @@ def make_walks(*, episodes: int = 3, length: int = 30, first: int = 0) -> Tensor
     brightness = (8 * step).to(torch.uint8)[..., None, None, None]
     return TensorDict(
         {
-            NETWORK_PIXELS: brightness.repeat(1, 1, 8, 12, 3),
+            NETWORK_PIXELS: brightness.repeat(1, 1, *size, 3),
             ACTION: step * 3 // length,
             TRAJECTORY: episode.clone(),
             "step_count": step.unsqueeze(-1).clone(),
@@ -56,9 +62,11 @@ def make_trainer(
     device = str(arguments.pop("device", "cpu"))
     encoder = str(arguments.pop("encoder", "small"))
     model = tiny_model(share_encoder=shared, encoder=encoder)
+    # The small encoder sees half of a view's size.
+    size = (8, 12) if model.halve else WORLD.view_size
     networks = make_networks(model, WORLD, device=device)
     storage = LazyTensorStorage(90)
-    storage.set(slice(0, 90), make_walks().flatten())
+    storage.set(slice(0, 90), make_walks(size=size).flatten())
     config = OnlineConfig(
         learn=True,
         lr=0.01,
