@@ -24,10 +24,10 @@ EVALUATE = "evaluate and finish map and networks"
 #: laptop scale's pre-training, a decision of exploring, an update of the L-network's
 #: head, a decision of the evaluation, and a decision of exploring in a map by poses.
 #: Other machines take longer by about one factor.
-_PRETRAIN_S, _EXPLORE_S, _HEAD_S, _EVALUATE_S = 255.0, 0.6e-3, 19e-3, 0.8e-3
-_POSES_S = 0.15e-3
+_PRETRAIN_S, _EXPLORE_S, _HEAD_S, _EVALUATE_S = 375.0, 0.72e-3, 19e-3, 1.0e-3
+_POSES_S = 0.18e-3
 #: The share of a pre-training's time that is over when its first update begins, shortly
-#: after its first picture (31 s, results/main_job_parts.json).
+#: after its first picture (32 s on average).
 _COLLECTED = 0.12
 #: Seconds from one line to the next.
 _AGAIN_S = 60.0
