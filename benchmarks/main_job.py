@@ -79,23 +79,23 @@ def run(
     paths += [f"evaluate.random_folder={first}-random"]
     command = [sys.executable, str(ROOT / "recipes" / "explore.py"), *words, *paths]
     began, load, samples = time.time(), os.getloadavg()[0], []
-    first: dict[str, float] = {}
+    pictured: dict[str, float] = {}
     with Path(f"{folder}.log").open("w") as log:
         process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
         while process.poll() is None:
             times = psutil.cpu_times()
             samples.append((time.time(), times.idle + times.iowait, sum(times[:8])))
             for name, files in PICTURES.items():
-                if name not in first and all(
+                if name not in pictured and all(
                     any(work.glob(f"{folder.name}{one}")) for one in files
                 ):
-                    first[name] = time.time() - began
+                    pictured[name] = time.time() - began
             time.sleep(0.5)
     ended = time.time()
     if process.returncode:
         raise SystemExit(f"{maze}, seed {seed}: exit status {process.returncode}")
     found = {"maze": maze, "seed": seed, "settings": words, "load_before": load}
-    found |= {"minutes": (ended - began) / 60, "first_pictures_after_s": first}
+    found |= {"minutes": (ended - began) / 60, "first_pictures_after_s": pictured}
     found |= read_run(folder, samples)
     kept.write_text(json.dumps(found, indent=1))
     return found | kept_policy(folder)

@@ -33,14 +33,18 @@ def settings(*overrides):
     return explore_settings("map.tc_threshold=0.6", "map.tc_reach=0.55", *overrides)
 
 
-def make_growth(config, folder=None, *, seed=0):
+def make_untrained_growth(config, folder=None, *, seed=0):
     torch.manual_seed(seed)
     world = world_of(config)
     networks = make_networks(config.model, world.spec)
     networks.modules.eval()
     networks.thresholds = dict(THRESHOLDS)
+    return MapGrowth(config, world, networks, folder)
+
+
+def make_growth(config, folder=None, *, seed=0):
+    growth = make_untrained_growth(config, folder, seed=seed)
     # A comparison that tells random embeddings apart: how near they are.
-    growth = MapGrowth(config, world, networks, folder)
     waypoints = growth.map.waypoints
     waypoints._compare = lambda one, many: torch.exp(
         -(one.unsqueeze(1) - many).square().mean(-1)
@@ -446,12 +450,7 @@ def test_a_map_whose_poses_do_not_fit_is_said_to_stay(pose_growth, capsys) -> No
 def test_a_waypoint_of_the_papers_network_takes_at_most_8_kb(tmp_path) -> None:
     # Embedding and what is compared: 512 numbers of four bytes each, and some counts.
     config = settings("model=resnet18", "model.embedding_dim=512", "map.envs=null")
-    world = world_of(config)
-    networks = make_networks(config.model, world.spec)
-    networks.modules.eval()
-    networks.thresholds = dict(THRESHOLDS)
-    growth = MapGrowth(config, world, networks, tmp_path)
-    waypoints = growth.map.waypoints
+    waypoints = make_untrained_growth(config, tmp_path).map.waypoints
     embeddings = torch.randn(10, 512)
     held = embeddings.nbytes + waypoints.entries_of(embeddings).nbytes
     assert 10 * 4096 <= held <= 10 * 8000
