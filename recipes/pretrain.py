@@ -36,6 +36,7 @@ from toponav.builders import (
     save_networks,
     start_networks,
     taken_meanwhile,
+    threads_apart,
 )
 from toponav.config import PretrainConfig
 from toponav.launch import recipe
@@ -123,7 +124,8 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                         continue
 
                     # Train on pairs of all frames so far.
-                    losses = trainer.step()
+                    with threads_apart():
+                        losses = trainer.step()
                     bar.set_description("train", refresh=False)
                     bar.update()
                     is_last = trainer.updates == train.updates

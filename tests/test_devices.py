@@ -197,7 +197,10 @@ def test_the_truth_about_waypoints_stays_small_there(device: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_recipes_run_there(name: str, tmp_path: Path) -> None:
-    """Pre-training, exploring with all that trains, a resume of it, and the default."""
+    """Pre-training, a resume of it, another one from its networks; then exploring.
+
+    With all that trains, a resume of that, and the default.
+    """
 
     def run(recipe: str, *overrides: str) -> None:
         if name == NAME and recipe == "explore":
@@ -218,6 +221,9 @@ def test_recipes_run_there(name: str, tmp_path: Path) -> None:
     validate = ("validate.decisions=60", "validate.every=2", "validate.pairs=20")
     updates = ("train.updates=2", "train.warmup=1", "collect.decisions=512")
     run("pretrain", *small, *updates, *validate, f"hydra.run.dir={networks}")
+    run("pretrain", f"resume={networks}", "train.updates=3")
+    other = (f"init_from={networks}", f"hydra.run.dir={tmp_path}/other")
+    run("pretrain", *small, *updates, *validate, *other)
     run(
         "explore",
         *small,

@@ -77,7 +77,6 @@ from toponav.builders.processes import (
     keep_freed_memory as keep_freed_memory,
     make_autocast as make_autocast,
     make_device as make_device,
-    one_thread as one_thread,
     prepare_process as prepare_process,
     running_episodes as running_episodes,
     seed_of as seed_of,
@@ -97,4 +96,8 @@ from toponav.builders.protocols import (
 from toponav.builders.ray_cluster import (
     join_cluster as join_cluster,
     require_cluster as require_cluster,
+)
+from toponav.builders.threads import (
+    one_thread as one_thread,
+    threads_apart as threads_apart,
 )

@@ -176,7 +176,7 @@ def load_networks(
     """
     path = networks_path(path, setting)
     file = path / NETWORKS_FILE if path.is_dir() else path
-    with reading_checkpoint(file, setting, _HEADER, "networks", device=device) as state:
+    with reading_checkpoint(file, setting, _HEADER, "networks") as state:
         # Earlier versions knew one engine alone, and did not write its numbers.
         default = load_engine(DEFAULT_ENGINE).world
         height, width = state.get("view_size", default.view_size)

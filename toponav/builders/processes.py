@@ -72,17 +72,6 @@ def has_fast_bf16(device: torch.device) -> bool:
     return device.type == "cpu" and bool(torch.cpu._is_avx512_bf16_supported())
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Compute on one thread for a while: many small products are faster so."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
 def prepare_process(*, threads: int | None, seed: int | None = None) -> None:
     """Set how a process computes: threads (as many as cores for ``None``) and memory.
 

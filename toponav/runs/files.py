@@ -86,13 +86,12 @@ def reading_checkpoint(
     setting: str,
     header: Mapping[str, object],
     noun: str,
-    *,
-    device: torch.device | str = "cpu",
 ) -> Iterator[dict[str, Any]]:
     """What `save_atomically` wrote, to make something of it in the ``with`` block.
 
     The errors name the ``setting`` that named the file and, by a ``noun``, what it
-    holds; ``header`` has its ``kind`` and ``version``.
+    holds; ``header`` has its ``kind`` and ``version``. Tensors lie on the processor:
+    what they are loaded into copies them to its own device.
 
     Raises:
         SettingsError: if the file is missing, damaged or of another kind or version, or
@@ -105,7 +104,7 @@ def reading_checkpoint(
             # torch itself does not compare the checksums that it writes.
             if not stored or archive.testzip() is not None:
                 raise ValueError("its checksums do not fit its content")
-        found = torch.load(path, map_location=device, weights_only=True)
+        found = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as bad:  # damage can make any of the readers fail in any way
         raise SettingsError(
             f"{setting} must name a complete file, got the damaged "
