@@ -152,7 +152,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--decisions", type=int, default=102_400)
+    parser.add_argument("--decisions", type=int, default=256_000)
     options = parser.parse_args()
     torch.set_num_threads(1)
     pay = tuple(f"pay_room_{room}" for room in range(1, NUM_ROOMS + 1))

@@ -27,6 +27,7 @@ from toponav.builders import (
     FRAME_KEYS,
     NETWORKS_FILE,
     CollectionError,
+    ThreadGuard,
     collect_frames,
     collect_held_out,
     make_autocast,
@@ -36,7 +37,6 @@ from toponav.builders import (
     save_networks,
     start_networks,
     taken_meanwhile,
-    threads_apart,
 )
 from toponav.config import PretrainConfig
 from toponav.launch import recipe
@@ -75,7 +75,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     world = worlds[0].spec
     networks = start_networks(settings.model, world, settings.init_from, device=device)
     require_pretrain_room(settings, worlds, networks.modules, folder)
-    buffer = make_frame_buffer(settings, world)
+    buffer, threads = make_frame_buffer(settings, world), ThreadGuard()
     trainer = make_pretrainer(
         settings, networks, buffer.storage, autocast=autocast, folder=folder
     )
@@ -124,7 +124,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                         continue
 
                     # Train on pairs of all frames so far.
-                    with threads_apart():
+                    with threads.watch():
                         losses = trainer.step()
                     bar.set_description("train", refresh=False)
                     bar.update()

@@ -7,7 +7,12 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from toponav.builders import one_thread, threads as builders_threads, threads_apart
+from toponav.builders import (
+    ThreadGuard,
+    one_thread,
+    threads as builders_threads,
+    threads_apart,
+)
 
 CORES = os.sched_getaffinity(0)
 
@@ -68,3 +73,30 @@ def test_other_threads_than_those_of_gnu_openmp_are_left_alone(
     monkeypatch.setattr(builders_threads, "_load_openmp", lambda: None)
     with threads_apart():
         assert os.sched_getaffinity(0) == CORES
+
+
+@needs_cores
+def test_a_call_that_had_less_than_all_cores_but_one_fixes_the_next_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Of n threads, a call of 10 s is too slow below 10 (n - 0.9) s of processor time.
+    # 9.5 n and 10 n - 8.9 are more, 10 n - 9.1 is less: the next two calls have fixed
+    # cores, and what the first of them had says nothing.
+    n = len(CORES)
+    spent, given = [9.5 * n, 10 * n - 8.9, 10 * n - 9.1, 1.0, 10 * n, 10 * n], []
+    times = [time for one in spent for time in (0.0, one)]
+    clock, processor = iter([0.0, 10.0] * len(spent)), iter(times)
+    monkeypatch.setattr(builders_threads, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(builders_threads, "process_time", lambda: next(processor))
+    guard = ThreadGuard(calls=2)
+    for _ in spent:
+        with guard.watch():
+            given.append(len(os.sched_getaffinity(0)) == 1)
+    assert given == [False, False, False, True, True, False]
+
+
+def test_a_call_that_fails_is_not_measured() -> None:
+    guard = ThreadGuard()
+    with pytest.raises(ValueError, match="no"), guard.watch():
+        raise ValueError("no")
+    assert guard.left == 0

@@ -98,6 +98,7 @@ from toponav.builders.ray_cluster import (
     require_cluster as require_cluster,
 )
 from toponav.builders.threads import (
+    ThreadGuard as ThreadGuard,
     one_thread as one_thread,
     threads_apart as threads_apart,
 )

@@ -3,8 +3,9 @@
 import ctypes
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from time import perf_counter, process_time
 
 import torch
 
@@ -23,16 +24,50 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
+class ThreadGuard:
+    """Keeps torch's threads on cores of their own while two of them share one.
+
+    In the gradient of a convolution oneDNN's threads wait for each other without
+    sleeping. Where two of them share a core, as Linux lets them for long while programs
+    of another session run, each waits until the other has used up its time: an update
+    of the pre-training then takes not 0.1 but 7 seconds. With a core for each it takes
+    a few times as long as alone. Otherwise threads move freely, since a collecting
+    process of the same run is less in their way so.
+
+    Args:
+        calls: so many are made on fixed cores after one in which the threads had less
+            processor time than all cores but one offer.
+
+    Examples:
+        >>> guard = ThreadGuard()
+        >>> with guard.watch():
+        ...     torch.ones(2, 2) @ torch.ones(2, 2)
+        tensor([[2., 2.],
+                [2., 2.]])
+    """
+
+    def __init__(self, calls: int = 50) -> None:
+        self.calls = calls
+        self.left = 0  # calls on fixed cores that are still to be made
+
+    @contextmanager
+    def watch(self) -> Iterator[None]:
+        """One call, of at least some milliseconds."""
+        began, spent = perf_counter(), process_time()
+        with threads_apart() if self.left else nullcontext():
+            yield
+        took, spent = perf_counter() - began, process_time() - spent
+        self.left = max(self.left - 1, 0)
+        if not self.left and spent < (torch.get_num_threads() - 0.9) * took:
+            self.left = self.calls
+
+
 @contextmanager
 def threads_apart() -> Iterator[None]:
     """Keep each of torch's threads on a core of its own for a while.
 
-    In the gradient of a convolution oneDNN's threads wait for each other without
-    sleeping. Where two of them share a core, which Linux leaves them for long while
-    programs of another session run, each waits until the other has used up its time:
-    an update of the pre-training then takes seconds. It takes half a millisecond to
-    enter and leave. Nothing happens if there are not as many threads as cores, or if
-    torch's threads are not those of GNU OpenMP on Linux.
+    It takes half a millisecond to enter and leave. Nothing happens if there are not as
+    many threads as cores, or if torch's threads are not those of GNU OpenMP on Linux.
 
     Examples:
         >>> with threads_apart():
