@@ -69,6 +69,13 @@ def test_the_seed_and_a_resumption_are_no_settings(tmp_path: Path) -> None:
     assert run.seed == 3
 
 
+def test_seeds_of_whole_chains_are_no_settings(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        words = ("maze=maze1", f"pretraining.seed={seed}")
+        make_run(tmp_path, "explore", *words, seed=seed)
+    assert swept_settings(find_runs(tmp_path)) == []
+
+
 def test_swept_settings_are_those_that_differ(tmp_path: Path) -> None:
     make_run(tmp_path, "explore", "scale=smoke", "reward.alpha=0.2", seed=0)
     make_run(tmp_path, "explore", "scale=smoke", "reward.alpha=0.2", seed=1)

@@ -27,7 +27,10 @@ _NEEDED = ("overrides", "hydra")
 # Columns of tables that hold words.
 _WORDS = ("policy", "phase")
 # Settings in which the runs of one group may differ: chance, and places of others.
-_NOT_SETTINGS = ("seed", "resume", "pretraining.folder", "evaluate.random_folder")
+_NOT_SETTINGS = (
+    *("seed", "pretraining.seed"),
+    *("resume", "pretraining.folder", "evaluate.random_folder"),
+)
 # What a run leaves that is over, or can be resumed: all files of one of these.
 _RESULTS = (
     (CHECKPOINT_FILE,),
@@ -46,7 +49,7 @@ class BrokenRunError(ValueError):
 class Run:
     """A run folder and the settings that it was started with.
 
-    ``given`` holds those of its command line, without seed, ``resume`` and ``drawn``:
+    ``given`` holds those of its command line, without seeds, ``resume`` and ``drawn``:
     settings that `log_uniform` drew, with their numbers.
     """
 
