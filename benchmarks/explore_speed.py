@@ -17,8 +17,8 @@ would do if they did nothing else and never waited for each other:
 
 The networks are untrained: that changes no shape. A threshold of almost 1 makes every
 view novel, so that the memory fills up at once and stays at the profile's size. Times
-of parts are the best of several windows; the rate all in is that of the best window,
-and its mean is beside it. The load average says how far to trust them.
+of parts are the best of several windows; the ratio and the shares are of the mean rate
+all in, and the best window's is beside it. The load average says how far to trust them.
 """
 
 import argparse
@@ -214,7 +214,7 @@ def main() -> None:
     found = measure(settings, arguments.seconds)
     best, mean, parts = found["best"], found["mean"], found["parts"]
     cores = len(os.sched_getaffinity(0))
-    spent = cores / best
+    spent = cores / mean
     roof = cores / sum(parts.values())
     shares = {name: seconds / spent for name, seconds in parts.items()}
     shares["rest"] = 1 - sum(shares.values())
@@ -224,7 +224,7 @@ def main() -> None:
         "decisions_per_second": best,
         "mean_decisions_per_second": mean,
         "roof": roof,
-        "ratio": best / roof,
+        "ratio": mean / roof,
         "milliseconds_of_a_core": {name: 1e3 * s for name, s in parts.items()},
         "shares": shares,
         # By which a processor computes like an older one.

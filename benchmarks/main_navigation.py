@@ -4,9 +4,11 @@
         --against results/main_navigation.csv --out results/main_navigation.csv
 
 Goals are of an episode, with 95 % bootstrap intervals over episodes; ``cuts`` is the
-mean number of edges that were closed in one, ``success_1250`` the share of the episodes
-that reached a goal within so many decisions. ``--against`` prints, in pairs of the same
-maze, slots and seed, how many goals more the navigator reaches than in former rows.
+mean number of times that edges were closed in one, ``success_<n>`` the share of the
+episodes that reached a goal within so many decisions, and ``detection_delay`` the
+median of the decisions from standing before a closed corridor to its closing.
+``--against`` prints, in pairs of the same maze, slots and seed, how many goals more the
+navigator reaches than in former rows.
 """
 
 import argparse
@@ -18,7 +20,8 @@ from pose_maps import read_settings
 from toponav.config import read_yaml
 
 TOLD = ["maze", "seed", "closed"]
-SHOWN = ["goals", "goals_low", "goals_high", "cuts", "success_1250"]
+SHOWN = ["goals", "goals_low", "goals_high", "cuts", "success_1250", "success_5000"]
+SHOWN += ["detection_delay"]
 
 
 def read_tour(folder: Path) -> pd.DataFrame:
