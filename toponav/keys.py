@@ -8,7 +8,8 @@ Entries under ``PRIVILEGED`` are ground truth. Evaluation reads them; an agent n
 does. A world without ground truth does not have them.
 """
 
-from tensordict import NestedKey
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
 
 # --- the environment -------------------------------------------------------
 #: uint8 [H, W, 3]; the view, RGB. Env -> AreaDownsample, PolicyPixels, Navigator.
@@ -171,3 +172,52 @@ CUT_FROM: NestedKey = (NAVIGATION, "cut_from")
 CUT_TO: NestedKey = (NAVIGATION, "cut_to")
 #: bool [1]; the agent is not localised, or no path leads on: actions are random.
 LOST: NestedKey = (NAVIGATION, "lost")
+
+# --- reading them -----------------------------------------------------------
+_MEMORY = "WaypointMemory"
+_PRIMER = "the policy's make_tensordict_primer()"
+_CHUNKS = "a replay buffer with EpisodeSampler(Chunks())"
+_TRUTH = "MazeEnv(privileged=True)"
+#: What writes an entry, where that helps who lacks it.
+WRITERS: dict[NestedKey, str] = {
+    NETWORK_PIXELS: "AreaDownsample",
+    POLICY_PIXELS: "PolicyPixels",
+    EMBEDDING: "WaypointMemory or EmbedViews",
+    PREVIOUS_ACTION: "PreviousAction",
+    PREVIOUS_REWARD: "PreviousReward",
+    VELOCITY: "MazeEnv(velocity=True)",
+    IS_INIT: "TorchRL's InitTracker",
+    HIDDEN: _PRIMER,
+    MEMORY_CELL: _PRIMER,
+    WAYPOINT: _MEMORY,
+    VISITS: _MEMORY,
+    SIMILARITY: _MEMORY,
+    IS_NEW_WAYPOINT: _MEMORY,
+    EPISODE: _CHUNKS,
+    STEP: _CHUNKS,
+    POSITION: _TRUTH,
+    HEADING: _TRUTH,
+    CELL: _TRUTH,
+    BLOCKED: _TRUTH,
+}
+
+
+def read_entry(tensordict: TensorDictBase, key: NestedKey) -> Tensor:
+    """An entry that is needed.
+
+    Raises:
+        KeyError: if it is missing; the sentence names what writes it, if that is known.
+
+    Examples:
+        >>> import torch
+        >>> from tensordict import TensorDict
+        >>> read_entry(TensorDict(action=torch.tensor(2)), "action")
+        tensor(2)
+    """
+    entry: Tensor | None = tensordict.get(key, None)
+    if entry is None:
+        names = sorted(str(name) for name in tensordict.keys(True, True))
+        found = ", ".join(names) or "none"
+        hint = f": add {WRITERS[key]}" if key in WRITERS else ""
+        raise KeyError(f"the tensordict must have {key!r}{hint}, got {found}")
+    return entry

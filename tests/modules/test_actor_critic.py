@@ -296,7 +296,7 @@ def test_a_missing_state_says_what_to_add() -> None:
 )
 def test_what_is_missing_is_named_with_what_writes_it(key: str, writer: str) -> None:
     network = make_network()
-    with pytest.raises(KeyError, match=f"must have '{key}': add {writer} to the env's"):
+    with pytest.raises(KeyError, match=f"must have '{key}': add {writer}, got"):
         network(make_decision(network, 2).exclude(key))
 
 

@@ -8,7 +8,17 @@ from torch import Tensor
 from torch.nn.functional import embedding
 
 from toponav.data.episodes import Episodes
-from toponav.keys import ACTION, ANCHOR, EMBEDDING, EPISODE, LABEL, OTHER, STEP, WEIGHT
+from toponav.keys import (
+    ACTION,
+    ANCHOR,
+    EMBEDDING,
+    EPISODE,
+    LABEL,
+    OTHER,
+    STEP,
+    WEIGHT,
+    read_entry,
+)
 
 # Numbers of a pair's two frames, while pairs are chosen.
 _PAIR = "pair"
@@ -177,7 +187,7 @@ class LPairs:
         near = same & (gap >= self.min_distance) & (gap <= self.max_action_distance)
         pair = near.nonzero()
         weight = distance_weights(gap[near], self.max_action_distance)
-        action = frames.get(ACTION)
+        action = read_entry(frames, ACTION)
         # One-hot actions have a dimension more.
         is_one_hot = action.ndim > frames.ndim and action.shape[-1] > 1
         action = (action.long().argmax(-1) if is_one_hot else action).flatten()
@@ -231,8 +241,8 @@ def _draw_across(
 
 def compare_steps(frames: TensorDictBase) -> tuple[Tensor, Tensor]:
     """Of F frames ``[F, F]``: same episode or not, and decisions from row to column."""
-    episode = frames.get(EPISODE).flatten().cpu()
-    step = frames.get(STEP).flatten().cpu()
+    episode = read_entry(frames, EPISODE).flatten().cpu()
+    step = read_entry(frames, STEP).flatten().cpu()
     same = episode.unsqueeze(0) == episode.unsqueeze(1)
     return same, step.unsqueeze(0) - step.unsqueeze(1)
 
@@ -258,7 +268,7 @@ def keep_some(
 
 def gather_pairs(frames: TensorDictBase, numbers: TensorDictBase) -> TensorDict:
     """Embeddings of the pairs, numbers of flattened frames, and all other entries."""
-    views = frames.get(EMBEDDING).flatten(0, frames.ndim - 1)
+    views = read_entry(frames, EMBEDDING).flatten(0, frames.ndim - 1)
     found = {str(key): entry.to(views.device) for key, entry in numbers.items()}
     anchor, other = found.pop(_PAIR).unbind(-1)
     # As ``views[anchor]``, whose gradient takes four times as long.

@@ -17,7 +17,7 @@ from toponav.envs.engines import DEFAULT_ENGINE, load_engine
 from toponav.envs.game import Look
 from toponav.envs.layout import Cell, Layout
 from toponav.envs.scene import SceneRules
-from toponav.envs.specs import masked_rows, set_world
+from toponav.envs.specs import masked_rows, read_actions, set_world
 from toponav.keys import PRIVILEGED
 from toponav.worlds import WorldSpec
 
@@ -140,8 +140,8 @@ class MazeEnv(EnvBase):
         return self._tensordict(self.games.reset(rows)).exclude("reward")
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        actions = tensordict.get("action").reshape(-1).tolist()
         rows = masked_rows(tensordict, "_step", self.games.size)
+        actions = read_actions(tensordict, rows, self)
         return self._tensordict(self.games.step(actions, rows))
 
     def _tensordict(self, snapshot: Snapshot) -> TensorDict:

@@ -18,7 +18,7 @@ from toponav.envs.gym_pictures import (
     make_gym_env,
     read_position,
 )
-from toponav.envs.specs import episode_streams, masked_rows, set_world
+from toponav.envs.specs import episode_streams, masked_rows, read_actions, set_world
 from toponav.keys import POSITION, PRIVILEGED
 from toponav.worlds import WorldSpec
 
@@ -135,10 +135,11 @@ class _PixelEnv(EnvBase):
         return self._tensordict(outcomes).exclude("reward")
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        actions = tensordict.get("action").reshape(-1).tolist()
+        rows = masked_rows(tensordict, "_step", len(self._envs))
+        actions = read_actions(tensordict, rows, self)
         self._pixels = self._pixels.copy()
         outcomes = np.zeros((3, len(self._envs), 1), dtype=np.float32)
-        for row in masked_rows(tensordict, "_step", len(self._envs)):
+        for row in rows:
             self._pixels[row], *outcome, info = self._envs[row].step(actions[row])
             outcomes[:, row, 0] = outcome
             self._see_position(row, info)

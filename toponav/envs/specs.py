@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from tensordict import TensorDictBase
+from torch import Tensor
 from torchrl.data import Binary, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.envs import EnvBase
 
@@ -43,6 +44,30 @@ def masked_rows(tensordict: TensorDictBase | None, key: str, size: int) -> list[
         return list(range(size))
     rows: list[int] = np.flatnonzero(mask.cpu().numpy()).tolist()
     return rows
+
+
+def read_actions(
+    tensordict: TensorDictBase, rows: list[int], env: EnvBase
+) -> list[int]:
+    """The numbers of the actions of all rows; those of ``rows`` are looked at.
+
+    Raises:
+        KeyError: if the tensordict has none.
+        ValueError: if they are no numbers ``[*B]`` or ``[*B, 1]`` of actions.
+    """
+    action: Tensor | None = tensordict.get("action", None)
+    if action is None:
+        raise KeyError("a step must have 'action', which a policy writes, got none")
+    shape, num_actions = env.batch_size, env.world.num_actions
+    if action.shape not in (shape, (*shape, 1)) or action.is_floating_point():
+        rule = f"action must be integers of the shape {list(shape)}"
+        hint = "a policy for one-hot actions has one_hot=False for these"
+        got = f"{action.dtype} {list(action.shape)}"
+        raise ValueError(f"{rule} ({hint}), got {got}")
+    numbers: list[int] = action.reshape(-1).tolist()
+    if bad := [numbers[row] for row in rows if not 0 <= numbers[row] < num_actions]:
+        raise ValueError(f"action must be in [0, {num_actions}), got {bad[0]}")
+    return numbers
 
 
 def episode_streams(seed: int | None, size: int) -> list[np.random.Generator]:

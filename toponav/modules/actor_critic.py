@@ -13,6 +13,7 @@ from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.modules.encoders import start_orthogonal
 from toponav.modules.policy_trunks import EmbeddingTrunk, PixelTrunk
 from toponav.views import ChannelOrder
@@ -22,17 +23,6 @@ Input = Literal["pixels", "embedding"]
 State = tuple[Tensor, Tensor]
 NEXT_HIDDEN: NestedKey = ("next", *keys.HIDDEN)
 NEXT_MEMORY_CELL: NestedKey = ("next", *keys.MEMORY_CELL)
-#: The transform that writes what the policy reads.
-_WRITERS: dict[NestedKey, str] = {
-    keys.POLICY_PIXELS: "PolicyPixels",
-    keys.EMBEDDING: "WaypointMemory or EmbedViews",
-    keys.PREVIOUS_ACTION: "PreviousAction",
-    keys.PREVIOUS_REWARD: "PreviousReward",
-    keys.VELOCITY: "MazeEnv(velocity=True)",
-    keys.IS_INIT: "TorchRL's InitTracker",
-    keys.HIDDEN: "the policy's make_tensordict_primer()",
-    keys.MEMORY_CELL: "the policy's make_tensordict_primer()",
-}
 
 
 class EpisodicLSTM(nn.Module):
@@ -214,7 +204,7 @@ class ActorCritic(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         shape = tensordict.batch_size
         inputs, state = self._lstm_inputs(tensordict), self._state(tensordict)
-        is_init = self._read(tensordict, keys.IS_INIT).reshape(-1)
+        is_init = read_entry(tensordict, keys.IS_INIT).reshape(-1)
         hidden, cell = self.lstm.step(inputs, state, is_init)
         output = hidden[..., -self.hidden_dim :]
         logits = self.actor(output)
@@ -245,8 +235,8 @@ class ActorCritic(TensorDictModuleBase):
         """The LSTM's outputs over a slice, ``[*B, T, H]``."""
         shape = tensordict.batch_size
         inputs = self._lstm_inputs(tensordict).unflatten(0, (-1, shape[-1]))
-        state = self._state(tensordict[..., 0].select(keys.HIDDEN, keys.MEMORY_CELL))
-        is_init = self._read(tensordict, keys.IS_INIT).reshape(-1, shape[-1])
+        state = self._state(tensordict[..., 0])
+        is_init = read_entry(tensordict, keys.IS_INIT).reshape(-1, shape[-1])
         outputs: Tensor = self.lstm(inputs, state, is_init)[0]
         return outputs.reshape(*shape, -1)
 
@@ -262,25 +252,15 @@ class ActorCritic(TensorDictModuleBase):
 
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
         """One row a decision, ``[N, D]``."""
-        code: Tensor = self.trunk(self._read(tensordict, self.view_key))
-        action = self._read(tensordict, keys.PREVIOUS_ACTION).squeeze(-1)
+        code: Tensor = self.trunk(read_entry(tensordict, self.view_key))
+        action = read_entry(tensordict, keys.PREVIOUS_ACTION).squeeze(-1)
         one_hot = F.one_hot(action, self.num_actions + 1).to(code.dtype)
-        reward = self._read(tensordict, keys.PREVIOUS_REWARD).to(code.dtype)
+        reward = read_entry(tensordict, keys.PREVIOUS_REWARD).to(code.dtype)
         inputs = torch.cat([code, one_hot, reward], -1)
         return inputs.reshape(-1, inputs.shape[-1])
 
     def _state(self, tensordict: TensorDictBase) -> State:
         wanted = (keys.HIDDEN, keys.MEMORY_CELL)
-        state = [self._read(tensordict, key) for key in wanted]
+        state = [read_entry(tensordict, key) for key in wanted]
         hidden, cell = (entry.reshape(-1, self.lstm.state_dim) for entry in state)
         return hidden, cell
-
-    def _read(self, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
-        entry: Tensor | None = tensordict.get(key, None)
-        if entry is None:
-            writer = _WRITERS.get(key, "what writes it, such as EmbedViews")
-            raise KeyError(
-                f"the tensordict must have {key!r}: add {writer} to the env's "
-                f"transforms, got {sorted(map(str, tensordict.keys()))}."
-            )
-        return entry

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.modules.actor_critic import ActorCritic, EpisodicLSTM, State
 
 # Entries of a velocity: along three axes, and turns around them.
@@ -112,10 +113,10 @@ class NavActorCritic(ActorCritic):
         )
 
     def _lstm_inputs(self, tensordict: TensorDictBase) -> Tensor:
-        code: Tensor = self.trunk(self._read(tensordict, self.view_key))
-        reward = self._read(tensordict, keys.PREVIOUS_REWARD).to(code.dtype)
-        action = self._read(tensordict, keys.PREVIOUS_ACTION).squeeze(-1)
+        code: Tensor = self.trunk(read_entry(tensordict, self.view_key))
+        reward = read_entry(tensordict, keys.PREVIOUS_REWARD).to(code.dtype)
+        action = read_entry(tensordict, keys.PREVIOUS_ACTION).squeeze(-1)
         one_hot = F.one_hot(action, self.num_actions + 1).to(code.dtype)
-        velocity = self._read(tensordict, keys.VELOCITY) * self.velocity_scale
+        velocity = read_entry(tensordict, keys.VELOCITY) * self.velocity_scale
         inputs = torch.cat([code, reward, one_hot, velocity.to(code.dtype)], -1)
         return inputs.reshape(-1, inputs.shape[-1])

@@ -10,11 +10,11 @@ from torch import Tensor
 from torchrl.data import Bounded, Categorical, Composite, Unbounded
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     find_spec,
-    read_entry,
 )
 
 
@@ -103,7 +103,11 @@ class PreviousReward(KeyedTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         # Rows that go on keep what they had: TorchRL merges this by the mask.
-        start = self.parent.full_reward_spec[self.in_keys[0]].zero()
+        if self.parent is None:
+            shape, device = tensordict_reset.batch_size, tensordict_reset.device
+            start = torch.zeros(*shape, 1, device=device)
+        else:
+            start = self.parent.full_reward_spec[self.in_keys[0]].zero()
         return tensordict_reset.set(self.out_keys[0], start)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:

@@ -6,12 +6,13 @@ from torch import Tensor
 from torchrl.data import Binary, Composite
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     ResizableBuffers,
     find_spec,
-    read_entry,
+    require_reset,
     restarting_rows,
 )
 
@@ -63,6 +64,7 @@ class LoopClosure(ResizableBuffers, KeyedTransform):
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
         position = read_entry(next_tensordict, self.in_keys[0])
+        require_reset(self.path.shape[:-2], position.shape[:-1])
         here = position.unsqueeze(-2)
         away = (self.path - here).norm(dim=-1)
         is_far = away.isfinite() & (away > self.far)
@@ -77,7 +79,7 @@ class LoopClosure(ResizableBuffers, KeyedTransform):
     ) -> TensorDictBase:
         position = read_entry(tensordict_reset, self.in_keys[0])
         shape = position.shape[:-1]
-        if self.path.numel() == 0:
+        if self.path.shape[:-2] != shape or self.path.ndim < 2:
             self.path = position.new_empty(*shape, 0, 2)
         rows = restarting_rows(self, tensordict, shape, position.device)
         self.path[rows] = torch.inf

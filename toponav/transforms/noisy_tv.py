@@ -15,6 +15,7 @@ from toponav.transforms.specs import (
     SeededMixin,
     ViewTransform,
     read_views,
+    require_reset,
     restarting_rows,
 )
 from toponav.views import ChannelOrder, channels_last, view_size
@@ -125,6 +126,12 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
             corner = torch.where(rows, corner, self.corner)
         self.corner = corner
         return self._call(tensordict_reset)
+
+    def _step(
+        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
+    ) -> TensorDictBase:
+        require_reset(self.corner.shape, next_tensordict.batch_size)
+        return self._call(next_tensordict)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         noises: dict[int, Tensor] = {}

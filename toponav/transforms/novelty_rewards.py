@@ -13,12 +13,12 @@ from torch import Tensor
 from torchrl.data import Bounded, Composite, Unbounded
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     SeededMixin,
     find_spec,
-    read_entry,
 )
 
 #: When each reward pays. The text pays the first if the view is mapped to a waypoint,

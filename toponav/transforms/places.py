@@ -6,12 +6,14 @@ from torch import Tensor
 from torchrl.data import Composite, Unbounded
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     ResizableBuffers,
     find_spec,
     grow_slots,
+    require_reset,
     restarting_rows,
 )
 
@@ -55,7 +57,7 @@ class PlacesVisited(ResizableBuffers, KeyedTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        position = tensordict_reset[self.in_keys[0]]
+        position = read_entry(tensordict_reset, self.in_keys[0])
         self.to(position.device)
         shape = position.shape[:-1]
         rows = restarting_rows(self, tensordict, shape, position.device).reshape(-1)
@@ -66,6 +68,8 @@ class PlacesVisited(ResizableBuffers, KeyedTransform):
         return self._count(tensordict_reset, rows)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        position = read_entry(next_tensordict, self.in_keys[0])
+        require_reset(self.num_places.shape, [position.shape[:-1].numel()])
         return self._count(next_tensordict)
 
     def _count(

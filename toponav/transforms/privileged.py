@@ -8,13 +8,14 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
 from toponav import keys
+from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     ResizableBuffers,
     find_spec,
     grow_slots,
-    read_entry,
+    require_reset,
     restarting_rows,
 )
 
@@ -106,6 +107,8 @@ class Coverage(ResizableBuffers, KeyedTransform):
         return tensordict_reset
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        cell = read_entry(next_tensordict, self.in_keys[0])
+        require_reset(self.decisions.shape, cell.shape[:-1])
         self.decisions += 1
         every_row = torch.ones_like(self.decisions, dtype=torch.bool)
         is_new = self._measure(next_tensordict, every_row)
@@ -117,7 +120,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
         index = (cell[..., :1] * self.num_columns + cell[..., 1:]) * rows.unsqueeze(-1)
         open_now = self.open_cells.expand(*rows.shape, -1)
         if len(self.slot_indices):
-            slots_open = ~tensordict[keys.BLOCKED]
+            slots_open = ~read_entry(tensordict, keys.BLOCKED)
             open_now = open_now.index_copy(-1, self.slot_indices, slots_open)
         seen = self.visited.gather(-1, index)
         self.visited.scatter_(-1, index, seen | rows.unsqueeze(-1))
@@ -202,7 +205,7 @@ class WaypointTruth(ResizableBuffers, KeyedTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        is_new = tensordict_reset[self.in_keys[2]]
+        is_new = read_entry(tensordict_reset, self.in_keys[2])
         self.to(is_new.device)
         rows = restarting_rows(self, tensordict, is_new.shape[:-1], is_new.device)
         rows = rows.reshape(-1)
@@ -213,12 +216,15 @@ class WaypointTruth(ResizableBuffers, KeyedTransform):
         return self._judge(tensordict_reset, rows)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        is_new = read_entry(next_tensordict, self.in_keys[2])
+        require_reset(self.num_waypoints.shape, [is_new.numel()])
         return self._judge(next_tensordict)
 
     def _judge(
         self, tensordict: TensorDictBase, rows: Tensor | bool = True
     ) -> TensorDictBase:
-        position, heading, flag = (tensordict[key] for key in self.in_keys)
+        entries = [read_entry(tensordict, key) for key in self.in_keys]
+        position, heading, flag = entries
         pose = torch.cat([position, heading], -1).reshape(-1, 3)
         is_new = flag.reshape(-1) & rows
         num_used = max(self.num_waypoints.tolist())

@@ -10,6 +10,7 @@ from torch.nn import functional as F  # noqa: N812
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs.transforms import Transform
 
+from toponav.keys import WRITERS, read_entry
 from toponav.views import ChannelOrder, check_order, check_views
 
 #: Keys as callers give them: ``None`` for the defaults.
@@ -86,7 +87,8 @@ def find_spec(
     """The spec of an entry; ValueError if it is missing or of another length."""
     names = list(specs.keys(True, True))
     if key not in names:
-        raise ValueError(f"{key!r} must be {kind} of the env, got {names}")
+        hint = f" (add {WRITERS[key]})" if key in WRITERS else ""
+        raise ValueError(f"{key!r} must be {kind} of the env{hint}, got {names}")
     spec = specs[key]
     if length is not None and spec.shape[-1:] != (length,):
         raise ValueError(f"{key!r} must be [*B, {length}], got {list(spec.shape)}")
@@ -98,15 +100,6 @@ def find_views(specs: Composite, key: NestedKey, channels: ChannelOrder) -> Tens
     spec = find_spec(specs, key)
     check_views(repr(key), spec.shape, channels)
     return spec
-
-
-def read_entry(tensordict: TensorDictBase, key: NestedKey) -> Tensor:
-    """An entry that a transform needs; KeyError if it is missing."""
-    entry: Tensor | None = tensordict.get(key, None)
-    if entry is None:
-        found = [str(name) for name in tensordict.keys(True, True)]
-        raise KeyError(f"the tensordict must have {key!r}, got {found}")
-    return entry
 
 
 def read_views(
@@ -130,6 +123,13 @@ class ResizableBuffers:
             if isinstance(stored, Tensor):
                 setattr(self, name, torch.empty_like(stored, device=buffer.device))
         super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
+
+
+def require_reset(known: Sequence[int], given: Sequence[int]) -> None:
+    """Refuse a step of other envs than those of the last reset, or before any."""
+    if tuple(known) != tuple(given):
+        rule = f"a step must follow a reset of the same envs, {list(given)}"
+        raise ValueError(f"{rule}, got one of {list(known)}")
 
 
 def restarting_rows(

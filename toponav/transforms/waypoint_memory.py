@@ -15,6 +15,7 @@ from toponav.transforms.specs import (
     Keys,
     find_views,
     read_views,
+    require_reset,
     restarting_rows,
 )
 from toponav.transforms.waypoint_slots import CountOn, WaypointSlots
@@ -157,9 +158,7 @@ class WaypointMemory(KeyedTransform):
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
         shape, views = self._views(next_tensordict)
-        if (envs := len(self.slots.num_waypoints)) != len(views):
-            rule = f"a step must follow a reset of the same {len(views)} envs"
-            raise ValueError(f"{rule}, got one of {envs}")
+        require_reset([len(self.slots.num_waypoints)], [len(views)])
         embedding = self.similarity.embed(views)
         memory = self.slots.memory[:, : self.slots.num_used]
         known = self.similarity.compare(embedding, memory)
