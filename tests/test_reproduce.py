@@ -19,8 +19,9 @@ from tests.forked import run_forked
         ),
         (
             ["rows=[ours]"],
-            "rows must name some of novelty, ICM, RND, TRPO, random reward, random "
-            "reward, coverage (truth), got 'ours'",
+            "rows must name some of novelty, novelty on pixels, ICM, RND, VIME, VIME "
+            "on TRPO, EX2, EX2 on TRPO, TRPO without reward, random reward, coverage "
+            "(truth), got 'ours'",
         ),
         (
             ["rows=[random reward]", "folder=/proc/table"],

@@ -39,9 +39,16 @@ def _decisions_before(cell: Cell) -> float:
     """Decisions that the networks of an exploration learned from before it."""
     if cell.recipe != "explore":
         return 0.0
-    config = explore_settings(cell)
-    needed = REWARDS[config.reward.name].needs_networks or config.pretrained
-    return pretraining_decisions(config) if needed else 0.0
+    config, first = explore_settings(cell), cell.first
+    if not REWARDS[config.reward.name].needs_networks and not config.pretrained:
+        return 0.0
+    if first is None or not config.pretrained:
+        return pretraining_decisions(config)
+    # The networks of the run that came first: those of its own pre-training, which its
+    # settings do not name.
+    learned = explore_settings(first)
+    more = learned.collect.decisions if learned.online.learn else 0
+    return _decisions_before(first) + more
 
 
 def explore_settings(cell: Cell) -> ExploreConfig:
