@@ -30,7 +30,9 @@ def check_views(name: object, shape: Sequence[int], channels: ChannelOrder) -> N
     if len(shape) < 3:
         raise ValueError(f"{name} must be images, got {list(shape)}")
     here, there = (-1, -3) if channels == "HWC" else (-3, -1)
-    if shape[here] not in _COUNTS and shape[there] in _COUNTS:
+    # Stacked frames have other counts, but fewer channels than rows or columns.
+    is_stack = shape[there] < shape[-2] <= shape[here]
+    if shape[here] not in _COUNTS and (shape[there] in _COUNTS or is_stack):
         other = "CHW" if channels == "HWC" else "HWC"
         raise ValueError(
             f"{name} must be [*B, {', '.join(channels)}] with channels={channels!r}, "

@@ -17,6 +17,7 @@ from toponav.transforms import (
     PolicyPixels,
     WaypointMemory,
 )
+from toponav.views import check_views
 
 
 def embed(views):
@@ -132,3 +133,13 @@ def test_nothing_but_the_noisy_tv_writes_over_its_views():
     made = [reader() for reader in READERS]
     over = [one for one in made if set(one.in_keys) & set(one.out_keys)]
     assert [type(one) for one in over] == [NoisyTV]
+
+
+@pytest.mark.parametrize("count", [2, 6, 9, 12])
+def test_stacks_of_frames_in_the_other_order_are_refused(count: int) -> None:
+    with pytest.raises(ValueError, match="channels='CHW' takes them"):
+        check_views("pixels", (5, count, 84, 84), "HWC")
+    with pytest.raises(ValueError, match="channels='HWC' takes them"):
+        check_views("pixels", (5, 84, 84, count), "CHW")
+    check_views("pixels", (5, 84, 84, count), "HWC")
+    check_views("pixels", (5, count, 84, 84), "CHW")

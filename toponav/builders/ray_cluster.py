@@ -63,7 +63,7 @@ def join_cluster(address: str | None, *, workers: int) -> None:
     try:
         # Without "local" it would join a cluster of others that runs on this machine.
         ray.init(address=address or "local", **quiet)
-    except (RuntimeError, OSError, ValueError) as error:
+    except (ray.exceptions.RayError, RuntimeError, OSError, ValueError) as error:
         raise _unusable(address, error) from error
     finally:
         # Ray's own would end the run before it has saved its state.
