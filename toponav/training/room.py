@@ -8,7 +8,13 @@ from pathlib import Path
 
 from torch import nn
 
-from toponav.builders import NETWORKS_FILE, World, make_networks, pretraining_folder
+from toponav.builders import (
+    NETWORKS_FILE,
+    World,
+    make_device,
+    make_networks,
+    pretraining_folder,
+)
 from toponav.config import ExploreConfig, PretrainConfig
 from toponav.envs import load_engine
 from toponav.methods import LEARNERS, REWARDS
@@ -27,11 +33,12 @@ _CHECKPOINTS = 2 * 3
 
 
 def require_explore_room(settings: ExploreConfig, world: World, folder: Path) -> None:
-    """Refuse an exploration whose files or shared memory have no room.
+    """Refuse an exploration for which this machine has no room, or not the device.
 
     Raises:
-        SettingsError: that names the folder and its setting.
+        SettingsError: that names the setting, and the folder if there is one.
     """
+    make_device(settings.device)
     needed = REWARDS[settings.reward.name].needs_networks
     has_networks = needed or settings.pretrained is not None
     settings = settings.resolved(settings.model if has_networks else None)
