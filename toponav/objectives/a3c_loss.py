@@ -6,7 +6,6 @@ from typing import Any, Literal, cast, get_args
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import (
-    CompositeDistribution,
     ProbabilisticTensorDictSequential,
     TensorDictModuleBase,
     dispatch,
@@ -24,6 +23,7 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_one_action,
     require_recurrent,
     require_slices,
     under_next,
@@ -107,14 +107,7 @@ class A3CLoss(GAEMixin, LossModule):
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)
         self.register_coeff_buffer("critic_coeff", critic_coeff)
         if critic_network is not None:
-            actions = getattr(network, "dist_sample_keys", [])
-            kinds = [getattr(m, "distribution_class", None) for m in network.modules()]
-            if len(actions) != 1 or CompositeDistribution in kinds:
-                raise ValueError(
-                    "actor_network must be a ProbabilisticActor of one action that is "
-                    f"not composite, got {type(network).__name__} with {actions}."
-                )
-            self.set_keys(action=actions[0])
+            self.set_keys(action=require_one_action(network))
 
     @property
     def in_keys(self) -> list[NestedKey]:

@@ -5,7 +5,8 @@ from typing import Any, Protocol, Self
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
-from torch import Tensor
+from tensordict.nn import CompositeDistribution
+from torch import Tensor, nn
 from torch.distributions import Categorical, Distribution
 from torch.nn import functional as F  # noqa: N812
 from torchrl.modules import MaskedCategorical
@@ -49,6 +50,20 @@ def require_recurrent(network: object, name: str, *parts: str) -> None:
             f"{name} must be a recurrent actor-critic such as ActorCritic, got "
             f"{type(network).__name__} without {', '.join(missing)}."
         )
+
+
+def require_one_action(network: object) -> NestedKey:
+    """The key of the action that a policy draws; ValueError unless it is one alone."""
+    actions = list(getattr(network, "dist_sample_keys", []))
+    parts = network.modules() if isinstance(network, nn.Module) else ()
+    kinds = [getattr(part, "distribution_class", None) for part in parts]
+    if len(actions) != 1 or CompositeDistribution in kinds:
+        raise ValueError(
+            "actor_network must be a ProbabilisticActor of one action that is not "
+            f"composite, got {type(network).__name__} with {actions}."
+        )
+    key: NestedKey = actions[0]
+    return key
 
 
 def require_slices(batch: TensorDictBase) -> None:

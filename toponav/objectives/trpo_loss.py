@@ -25,6 +25,8 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_one_action,
+    require_recurrent,
     require_slices,
     under_next,
 )
@@ -96,11 +98,9 @@ class TRPOLoss(GAEMixin, LossModule):
         network: Any = actor_network
         self.actor_critic = None
         if critic_network is None:
-            if not hasattr(network, "unroll_lstm"):
-                raise ValueError(
-                    "critic_network must be given with an actor_network without "
-                    f"unroll_lstm(), got {type(network).__name__} alone."
-                )
+            name = "actor_network without a critic_network"
+            parts = ("in_keys", "unroll_lstm", "actor", "critic", "next_values")
+            require_recurrent(network, name, *parts)
             self.actor_critic = network
             critic_network = TensorDictModule(
                 network.critic, [_OUTPUT], [keys.STATE_VALUE]
@@ -112,6 +112,7 @@ class TRPOLoss(GAEMixin, LossModule):
                 distribution_class=Categorical,
                 distribution_kwargs={"validate_args": False},
             )
+        require_one_action(network)
         self.actor_network = network
         self.critic_network = critic_network
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)
