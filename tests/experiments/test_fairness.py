@@ -15,9 +15,7 @@ from toponav.experiments.groups import _decisions_before, explore_settings
 #: Rows of each way to come by networks or none.
 ROWS = {
     "table3": ["novelty", "ICM", "VIME on TRPO", "TRPO without reward"],
-    "table5": ["novelty, fine-tuned", "ICM, fine-tuned"],
     "table6": ["extrinsic on the embedding", "extrinsic"],
-    "table7": ["novelty + television", "RND + television"],
 }
 #: Decisions of exploring and pre-training together.
 ALL = {"laptop": 500_000, "paper": 12_500_000}
