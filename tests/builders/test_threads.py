@@ -79,15 +79,19 @@ def test_other_threads_than_those_of_gnu_openmp_are_left_alone(
 def test_a_call_that_had_less_than_all_cores_but_one_fixes_the_next_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # Of n threads, a call of 10 s is too slow below 10 (n - 0.9) s of processor time.
-    # 9.5 n and 10 n - 8.9 are more, 10 n - 9.1 is less: the next two calls have fixed
-    # cores, and what the first of them had says nothing.
+    # A call of 10 s of n threads is slow below 10 (n - 0.9) s of processor time if they
+    # were sent from their cores more than 10 x 50 times. 10 n - 8.9 is more; 10 n - 9.1
+    # is less, the first time with 500 of them, then with 501: the next two calls have
+    # fixed cores, and what the first of them had says nothing.
     n = len(CORES)
-    spent, given = [9.5 * n, 10 * n - 8.9, 10 * n - 9.1, 1.0, 10 * n, 10 * n], []
+    spent, given = [10 * n - 8.9, *[10 * n - 9.1] * 2, 1.0, 10 * n, 10 * n], []
+    sent = [0, 501, 0, 500, 0, 501, 0, 501, 0, 501, 0, 501]
     times = [time for one in spent for time in (0.0, one)]
     clock, processor = iter([0.0, 10.0] * len(spent)), iter(times)
     monkeypatch.setattr(builders_threads, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(builders_threads, "process_time", lambda: next(processor))
+    counts = iter(sent)
+    monkeypatch.setattr(builders_threads, "_times_sent", lambda: next(counts))
     guard = ThreadGuard(calls=2)
     for _ in spent:
         with guard.watch():

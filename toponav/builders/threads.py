@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import resource
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
@@ -11,6 +12,11 @@ import torch
 
 #: What GNU OpenMP calls on each thread of a team.
 _Call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+#: Times a second that threads are sent from their cores, where two of them share one:
+#: 320 were seen there.
+_OFTEN = 50
 
 
 @contextmanager
@@ -34,9 +40,12 @@ class ThreadGuard:
     a few times as long as alone. Otherwise threads move freely, since a collecting
     process of the same run is less in their way so.
 
+    A call was slow in this way if its threads had less processor time than all cores
+    but one offer, and were sent from them more often than a few times a second: a call
+    that waits for a GPU, or computes on one thread for a while, has little time too.
+
     Args:
-        calls: so many are made on fixed cores after one in which the threads had less
-            processor time than all cores but one offer.
+        calls: so many are made on fixed cores after a slow one.
 
     Examples:
         >>> guard = ThreadGuard()
@@ -53,12 +62,14 @@ class ThreadGuard:
     @contextmanager
     def watch(self) -> Iterator[None]:
         """One call, of at least some milliseconds."""
-        began, spent = perf_counter(), process_time()
+        began, spent, sent = perf_counter(), process_time(), _times_sent()
         with threads_apart() if self.left else nullcontext():
             yield
         took, spent = perf_counter() - began, process_time() - spent
+        little = spent < (torch.get_num_threads() - 0.9) * took
+        often = _times_sent() - sent > _OFTEN * took
         self.left = max(self.left - 1, 0)
-        if not self.left and spent < (torch.get_num_threads() - 0.9) * took:
+        if not self.left and little and often:
             self.left = self.calls
 
 
@@ -86,6 +97,11 @@ def threads_apart() -> Iterator[None]:
         yield
     finally:
         _on_each_thread(openmp, lambda: os.sched_setaffinity(0, cores))
+
+
+def _times_sent() -> int:
+    """How often this process has been sent from a core to let another one run."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_nivcsw
 
 
 def _load_openmp() -> ctypes.CDLL | None:
