@@ -22,6 +22,7 @@ import argparse
 import json
 import os
 import platform
+import resource
 import shutil
 import subprocess
 import sys
@@ -79,6 +80,7 @@ def run(
     paths += [f"evaluate.random_folder={first}-random"]
     command = [sys.executable, str(ROOT / "recipes" / "explore.py"), *words, *paths]
     began, load, samples = time.time(), os.getloadavg()[0], []
+    spent = processor_seconds()
     pictured: dict[str, float] = {}
     with Path(f"{folder}.log").open("w") as log:
         process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
@@ -96,9 +98,17 @@ def run(
         raise SystemExit(f"{maze}, seed {seed}: exit status {process.returncode}")
     found = {"maze": maze, "seed": seed, "settings": words, "load_before": load}
     found |= {"minutes": (ended - began) / 60, "first_pictures_after_s": pictured}
+    used = processor_seconds() - spent
+    found["busy_by_itself"] = used / (ended - began) / len(os.sched_getaffinity(0))
     found |= read_run(folder, samples)
     kept.write_text(json.dumps(found, indent=1))
     return found | kept_policy(folder)
+
+
+def processor_seconds() -> float:
+    """Of all that was started from here and has ended, engines included."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def kept_policy(folder: Path) -> dict[str, Any]:
