@@ -100,6 +100,7 @@ class NavigatorRules:
     block_on: BlockOn = "goal"
     block_after: int | None = 40  # window in decisions; ``None`` never closes one
     fade_after: int | None = None  # decisions after which a cut opens again
+    fade_growth: float = 1.0  # times as many if it fails again
     #: Decisions at a goal's waypoint after which it is dropped for the episode.
     goal_patience: int | None = 20
     lost_for: int = 5  # random actions of an agent that is lost
@@ -109,7 +110,7 @@ class NavigatorRules:
         _check_range(self, 0, "tc_reach", below=1)
         _check_range(self, 0, "follow", "temperature")
         _check_range(self, 1, "hops", "shortlist", "lookahead", "fade_after")
-        _check_range(self, 1, "goal_patience", "lost_for")
+        _check_range(self, 1, "goal_patience", "lost_for", "fade_growth")
         _check_range(self, 2, "block_after")
 
 

@@ -30,11 +30,11 @@ def test_the_oldest_cut_opens_first_and_a_later_one_keeps_what_it_closed():
     plans = make_plans(1, 4)
     plans.cut(0, edges(0, 1))
     plans.cut(0, edges(1, 2))
-    assert plans.reopen_oldest(0)
+    assert plans.reopen_first(0)
     assert plans.closed[0].tolist() == [False, True, True, False]
-    assert plans.reopen_oldest(0)
+    assert plans.reopen_first(0)
     assert not plans.closed.any()
-    assert not plans.reopen_oldest(0)
+    assert not plans.reopen_first(0)
 
 
 def test_nothing_to_close_is_no_cut():
@@ -52,6 +52,34 @@ def test_cuts_fade_after_so_many_decisions():
     assert not plans.closed.any()
 
 
+def test_what_fails_again_stays_closed_for_longer():
+    plans = make_plans(1, 3, fade_after=3, fade_growth=2.0)
+    lasted = []
+    for _ in range(3):
+        plans.cut(0, edges(0, 1))
+        plans.cut(0, edges(1))  # closed already: it has not failed again
+        decisions = 0
+        while plans.closed[0, 0]:
+            plans.pass_decision()
+            decisions += 1
+        lasted.append(decisions)
+    # 3, 3 x 2 and 3 x 2 x 2 decisions.
+    assert lasted == [3, 6, 12]
+    plans.open_all(ONE)
+    plans.cut(0, edges(0))
+    assert [plans.pass_decision().item() for _ in range(3)] == [False, False, True]
+
+
+def test_without_a_path_what_failed_least_often_opens_first():
+    plans = make_plans(1, 2, fade_after=1)
+    plans.cut(0, edges(0))
+    plans.pass_decision()
+    plans.cut(0, edges(0))  # again
+    plans.cut(0, edges(1))
+    assert plans.reopen_first(0)
+    assert plans.closed[0].tolist() == [True, False]
+
+
 def test_clearing_takes_some_agents_alone():
     plans = make_plans(2, 2)
     for agent in (0, 1):
@@ -67,7 +95,7 @@ def test_opening_all_cuts_opens_all_edges(cuts):
     for cut in cuts:
         plans.cut(0, torch.tensor(cut))
     assert plans.closed[0].sum() == len({edge for cut in cuts for edge in cut})
-    while plans.reopen_oldest(0):
+    while plans.reopen_first(0):
         left = plans.num_cuts.item()
         still = {edge for cut in cuts[len(cuts) - left :] for edge in cut}
         assert set(plans.closed[0].nonzero().flatten().tolist()) == still

@@ -142,7 +142,8 @@ class Navigator(TensorDictModuleBase):
         self.goals = GoalNodes(
             num_agents, num_goal_views, length, patience=rules.goal_patience
         )
-        self.plans = Plans(planner, self.goals, fade_after=rules.fade_after)
+        after, growth = rules.fade_after, rules.fade_growth
+        self.plans = Plans(planner, self.goals, fade_after=after, fade_growth=growth)
         watch = EdgeProgress if rules.block_on == "edge" else Progress
         self.progress = watch(num_agents, patience=rules.block_after)
         self.sampler = ActionSampler(num_agents, rules, self.generator)

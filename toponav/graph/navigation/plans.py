@@ -1,7 +1,6 @@
 """`Planner` and `Plans`: the cheapest paths, and which each agent has."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -105,12 +104,22 @@ class Planner:
         return (across & is_open).nonzero().squeeze(1)
 
 
+class Cut(NamedTuple):
+    """Edges that an agent has closed together."""
+
+    edges: Tensor  # int64 [K]
+    opens: float  # when they open again, in decisions since the plans were made
+    failed: int  # how often they had been closed and opened before
+
+
 class Plans:
     """Keeps one plan an agent, to be planned again when goals or closed edges change.
 
     An agent that fails to get through makes a *cut*: it closes the edge that failed and
-    those beside it. They open again together, the oldest cut first, after
-    ``fade_after`` decisions or when no path is left. Places are int64 ``[N]``, -1 for
+    those beside it. They open again together after ``fade_after`` decisions, times
+    ``fade_growth`` for each time that they had opened before and failed again: what
+    fails again is more likely blocked than mistaken. When no path is left, those open
+    first that failed least often, of these the oldest. Places are int64 ``[N]``, -1 for
     an agent without one.
 
     Reference:
@@ -119,16 +128,24 @@ class Plans:
     """
 
     def __init__(
-        self, planner: Planner, goals: GoalNodes, *, fade_after: int | None = None
+        self,
+        planner: Planner,
+        goals: GoalNodes,
+        *,
+        fade_after: int | None = None,
+        fade_growth: float = 1.0,
     ) -> None:
         self.planner = planner
         self.goals = goals
         self.fade_after = math.inf if fade_after is None else fade_after
+        self.fade_growth = fade_growth
         num_agents, num_nodes = len(goals.nodes), planner.num_nodes
         #: Edges that are closed, bool ``[N, E]``.
         self.closed = torch.zeros(num_agents, len(planner.edges), dtype=torch.bool)
-        # When each cut was made, and its edges.
-        self._cuts = [deque[tuple[int, Tensor]]() for _ in range(num_agents)]
+        # How often each edge was closed in this episode.
+        self._failed = torch.zeros(num_agents, len(planner.edges), dtype=torch.int64)
+        # The cuts of each agent that are closed, the oldest first.
+        self._cuts: list[list[Cut]] = [[] for _ in range(num_agents)]
         self._now = 0
         # What `Plan` holds, one row an agent.
         self._costs = torch.full((num_agents, num_nodes), torch.inf).double()
@@ -188,9 +205,15 @@ class Plans:
 
     def cut(self, agent: int, edges: Tensor) -> None:
         """Close edges of one agent, int64 ``[K]``, together; without any, no cut."""
-        if len(edges):
-            self._cuts[agent].append((self._now, edges))
-            self.closed[agent, edges] = True
+        if not len(edges):
+            return
+        # What another cut keeps closed has not failed again.
+        fresh = edges[~self.closed[agent, edges]]
+        failed = int(self._failed[agent, fresh].median()) if len(fresh) else 0
+        lasts = self.fade_after * self.fade_growth**failed
+        self._cuts[agent].append(Cut(edges, self._now + lasts, failed))
+        self._failed[agent, fresh] += 1
+        self.closed[agent, edges] = True
 
     def close(self, agent: int, place: int, level: float, *, hops: int) -> int:
         """Cut what leads nearer to the goal than a cost ``level``, near a place.
@@ -236,28 +259,34 @@ class Plans:
         self.plan([agent])
         return ends
 
-    def reopen_oldest(self, agent: int) -> bool:
-        """Open an agent's oldest cut, if any; what later ones close stays closed."""
-        if not self._cuts[agent]:
-            return False
-        _, edges = self._cuts[agent].popleft()
-        self.closed[agent, edges] = False
-        for _, later in self._cuts[agent]:
-            self.closed[agent, later] = True
-        return True
+    def reopen_first(self, agent: int) -> bool:
+        """Open the cut that failed least often, of these the oldest; if any."""
+        cuts = self._cuts[agent]
+        if cuts:
+            self._reopen(agent, min(cuts, key=lambda cut: cut.failed))
+        return len(cuts) > 0
+
+    def _reopen(self, agent: int, cut: Cut) -> None:
+        """Open one of an agent's cuts; what others close stays closed."""
+        # By identity, as tensors are not compared by value here.
+        kept = [other for other in self._cuts[agent] if other is not cut]
+        self._cuts[agent] = kept
+        self.closed[agent, cut.edges] = False
+        for other in kept:
+            self.closed[agent, other.edges] = True
 
     def open_up(self, place: Tensor) -> None:
-        """Open the oldest cuts of agents without a path, until there is one."""
+        """Open cuts of agents without a path, until there is one."""
         stranded = (place >= 0) & self.cost(place).isinf()
         for agent in stranded.nonzero().flatten().tolist():
             while self._costs[agent, place[agent]].isinf():
-                if not self.reopen_oldest(agent):
+                if not self.reopen_first(agent):
                     break
                 self.plan([agent])
 
     def open_all(self, agents: Tensor) -> None:
         """Open everything for the agents of a mask, bool ``[N]``."""
-        self.closed[agents] = False
+        self.closed[agents], self._failed[agents] = False, 0
         for agent in agents.nonzero().flatten().tolist():
             self._cuts[agent].clear()
 
@@ -266,6 +295,7 @@ class Plans:
         self._now += 1
         changed = torch.zeros(len(self._cuts), dtype=torch.bool)
         for agent, cuts in enumerate(self._cuts):
-            while cuts and self._now - cuts[0][0] >= self.fade_after:
-                changed[agent] = self.reopen_oldest(agent)
+            for cut in [cut for cut in cuts if cut.opens <= self._now]:
+                self._reopen(agent, cut)
+                changed[agent] = True
         return changed

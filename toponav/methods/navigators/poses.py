@@ -34,6 +34,7 @@ class PosesConfig(NavigatorConfig):
     block_after: int | None = MISSING
     block_within: float | None = above(0)
     fade_after: int | None = MISSING
+    fade_growth: float = MISSING
     hops: int = MISSING
     goal_patience: int | None = MISSING
     poses: int = MISSING

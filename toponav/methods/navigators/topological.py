@@ -30,6 +30,7 @@ class TopologicalConfig(NavigatorConfig):
     block_on: str = one_of("goal", "edge")
     block_after: int | None = MISSING
     fade_after: int | None = MISSING
+    fade_growth: float = MISSING
     goal_patience: int | None = MISSING
     lost_for: int = MISSING
 
