@@ -25,7 +25,7 @@ from toponav.refusals import sentence_of
 
 # In the settings of a row: the folders of runs that come first, and in those of these
 # the setting that names the maze.
-_FIRST, _POLICY, _MAZE = "{first}", "{policy}", "{maze}"
+_FIRST, _POLICY, MAZE = "{first}", "{policy}", "{maze}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def _words_before(
     for mark, given in lines.items():
         if given:
             # What else is chosen of the maze, such as closed slots, is not for these.
-            yield mark, [*base, *(word.replace(_MAZE, words[0]) for word in given)]
+            yield mark, [*base, *(word.replace(MAZE, words[0]) for word in given)]
 
 
 def _base_words(settings: ReproduceConfig) -> list[str]:
