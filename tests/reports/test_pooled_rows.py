@@ -68,9 +68,13 @@ def test_mazes_without_a_common_seed_leave_a_gap(groups: list[Group]) -> None:
     assert str(last["coverage (%)"]) == "nan"
 
 
-def test_the_best_row_is_named_with_its_lead(groups: list[Group]) -> None:
-    table = explore_table(groups, {}, draws=50)
-    (sentence,) = best_sentences(ROWS, table)
+def test_the_best_row_is_named_with_its_lead(
+    groups: list[Group], tmp_path: Path
+) -> None:
+    worse = RowConfig(label="worse", against="base")
+    low = [explored(tmp_path, maze, worse, [[0.3, 0.3]]) for maze in ("maze1", "maze2")]
+    table = explore_table([*groups, *low], {}, draws=50)
+    (sentence,) = best_sentences([*ROWS, worse], table)
     start = "over all mazes 'other' covers most of the rows beside 'base': 5.0 points "
     assert sentence.startswith(f"{start}more than it (difference +")
     assert sentence.endswith(")")
