@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
 from tests.experiments.planning import reproducing
@@ -11,6 +12,7 @@ from tests.experiments.test_found_runs import save
 from tests.sweeps import make_exploration, write_table
 from toponav.config import ReproduceConfig, SettingsError
 from toponav.experiments import Cell, announce, expected_seconds
+from toponav.refusals import unknown_setting
 
 
 @dataclass
@@ -99,6 +101,15 @@ def test_runs_that_come_first_are_measured_too(
     expected, _, by_figure = expected_seconds(laptop, cells)
     assert expected == {last.key: 233, cells[1].key: 600}
     assert by_figure
+
+
+def test_a_learner_that_is_none_is_refused() -> None:
+    with reproducing("explore_s.dqn=900") as settings:
+        assert settings.seconds_of("explore", "dqn") == 900
+        assert unknown_setting("explore_s.dqn", "reproduce", {}) == ""
+        assert "did you mean" in unknown_setting("explore_t.dqn", "reproduce", {})
+    with pytest.raises(ConfigCompositionException), reproducing("explore_s.dqm=900"):
+        pass
 
 
 def test_a_time_that_is_none_is_refused() -> None:
