@@ -12,6 +12,7 @@ from toponav.config import ReproduceConfig, RowConfig, SettingsError
 from toponav.experiments import (
     Cell,
     Choice,
+    announce,
     choice_sentences,
     choose,
     make_groups,
@@ -248,6 +249,7 @@ def test_a_rival_waits_for_the_choice_of_its_map(navigating: ReproduceConfig) ->
     choices = choose(navigating, tries)
     assert [one.row for one in choices] == ["DQN"]
     assert plan_cells(with_choices(navigating, choices)) == []
+    assert announce(navigating, []) == "table8: no row has its settings chosen yet"
     assert choice_sentences(navigating, choices)[1:] == [
         "missing: ours: its settings are not chosen yet"
     ]

@@ -97,6 +97,8 @@ def announce(settings: ReproduceConfig, cells: Sequence[Cell]) -> str:
     missing = missing_cells(cells)
     total = len({cell.key for cell in cells} | {cell.key for cell in missing})
     name = settings.experiment.name
+    if not cells:
+        return f"{name}: no row has its settings chosen yet"
     if not missing:
         return f"{name}: all {total} runs are there"
     expected, count, by_figure = expected_seconds(settings, cells)
