@@ -81,8 +81,10 @@ def main(settings: ReproduceConfig, _: Path) -> None:
         figure = reports.experiment_accuracies(groups, title=experiment.title)
     missing = experiments.missing_sentences([*tries, *cells], maker.failures)
     markdown = reports.experiment_markdown(table, experiment.columns)
+    best = reports.best_sentences(settings.experiment.rows, table)
     below = "".join(
-        f"- {sentence}\n" for sentence in (*experiment.remarks, *chosen, *missing)
+        f"- {sentence}\n"
+        for sentence in (*best, *experiment.remarks, *chosen, *missing)
     )
     heading = f"# {experiment.title}\n\n"
     write_text(path.with_suffix(".md"), f"{heading}{markdown}\n{below}".rstrip() + "\n")

@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import re
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -180,6 +181,37 @@ def test_a_scale_changes_what_is_of_one_method_alone() -> None:
     chosen = settings("explore", "scale=paper", "loss=ppo", "reward.threshold=0.5")
     assert (chosen.loss.name, chosen.reward.threshold) == ("ppo", "0.5")
     assert settings("explore", "scale=smoke").loss.rollout == 32
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        # The numbers of the rivals' own papers and code (docs/methods).
+        (["reward=vime"], {"reward.update_rate": 0.1, "reward.minibatch": 10}),
+        # 8 mazes * 500 decisions = 4,000 for a step, if all wait for each other.
+        (["loss=trpo"], {"loss.rollout": 500, "collect.mode": "sync"}),
+        (["loss=dqn"], {"loss.target_every": 10_000, "policy.hidden": 512}),
+        (["loss=drqn"], {"loss.batch": 32, "loss.every": 4, "policy.hidden": 512}),
+        (["loss=nav_a3c"], {"loss.final_lr": 1, "loss.max_grad_norm": 1e9}),
+        # 3.33 * 64 places: the mean is weighed, and theirs is a sum.
+        (["loss=nav_a3c_d2l"], {"loss.depth_coeff": 213.12, "loss.final_lr": 1}),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_rivals_have_the_numbers_of_their_own_papers_at_the_papers_scale(
+    words: list[str], expected: dict[str, object]
+) -> None:
+    paper = settings("explore", "scale=paper", *words)
+    laptop = settings("explore", *words)
+    for name, value in expected.items():
+        assert attrgetter(name)(paper) == value, name
+        assert attrgetter(name)(laptop) != value, name
+    # What the command line says comes last.
+    name = next(iter(expected))
+    other = settings(
+        "explore", "scale=paper", *words, f"{name}={attrgetter(name)(laptop)}"
+    )
+    assert attrgetter(name)(other) == attrgetter(name)(laptop)
 
 
 def test_settings_of_one_method_are_unknown_to_the_others() -> None:

@@ -4,7 +4,7 @@ import dataclasses
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
-from typing import Any, get_type_hints
+from typing import Any, get_origin, get_type_hints
 
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
@@ -96,8 +96,11 @@ def unknown_setting(key: str, name: str, methods: Mapping[str, str]) -> str:
     for group, method in methods.items():
         if method in METHODS[group]:
             known += settings_of(METHODS[group][method], f"{group}.")
+    # The keys of a dictionary, such as explore_s, are those that its YAML has.
+    hints: dict[str, Any] = get_type_hints(RECIPES[name])
+    free = get_origin(hints.get(key.partition(".")[0])) is dict
     rule = f"'{key}' must be a setting of {name}, got none of that name"
-    return "" if key in known else rule + _hint(key, known)
+    return "" if free or key in known else rule + _hint(key, known)
 
 
 def _chain(error: BaseException | None) -> Iterator[BaseException]:

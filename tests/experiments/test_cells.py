@@ -21,7 +21,7 @@ SEEN: set[tuple[str, ...]] = set()
 
 def kind(row: RowConfig) -> tuple[str, ...]:
     """What the row chooses and sets; the values of settings do not count."""
-    words = [*row.first, *row.overrides, *row.laptop_overrides]
+    words = [*row.first, *row.policy, *row.overrides, *row.laptop_overrides]
     return tuple(re.sub(r"(\w\.\w+)=.*", r"\1", word) for word in words)
 
 
@@ -99,6 +99,56 @@ def test_a_run_can_start_from_another(tmp_path: Path) -> None:
         again = plan_cells(replace(settings, experiment=experiment))
         assert again[1].first.folder == tmp_path / "elsewhere"
         assert again[1].key == cells[1].key
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "firsts", "policies"),
+    [
+        # Rows of one maze; explorations of select, by novelty and ICM, that the
+        # fine-tuned ones begin with.
+        ("table5", 4, 2, 0),
+        ("table6", 6, 2, 0),
+        # One exploration whose map serves all rows, and what trains each rival.
+        ("table8", 6, 1, 4),
+        ("table9", 6, 1, 4),
+    ],
+)
+def test_a_plan_has_each_run_once(
+    name: str, rows: int, firsts: int, policies: int, tmp_path: Path
+) -> None:
+    words = [f"experiment={name}", "reproduce=smoke", f"runs={tmp_path}", "seeds=2"]
+    with reproducing(*words) as settings:
+        cells = plan_cells(settings)
+        # Each with two seeds.
+        assert len({cell.key for cell in cells}) == len(cells) == 2 * rows
+        assert len({cell.first.key for cell in cells if cell.first}) == 2 * firsts
+        assert len({cell.policy.key for cell in cells if cell.policy}) == 2 * policies
+        total = 2 * (rows + firsts + policies)
+        assert len(missing_cells(cells)) == total
+        assert announce(settings, cells).startswith(
+            f"{name}: {total} of {total} runs are missing"
+        )
+
+
+@pytest.mark.parametrize("row", ["DQN", "DRQN", "Nav A3C", "Nav A3C + D2L"])
+@pytest.mark.parametrize("scale", ["laptop", "paper"])
+def test_what_trains_a_rival_is_valid_and_has_as_many_decisions(
+    row: str, scale: str, tmp_path: Path
+) -> None:
+    words = ["experiment=table8", f"reproduce={scale}", f"runs={tmp_path}", "seeds=2"]
+    with reproducing(*words, "most_mazes=1") as settings:
+        rows = [replace(one, against=None) for one in settings.experiment.rows]
+        rows = [one for one in rows if one.label == row]
+        experiment = replace(settings.experiment, rows=rows)
+        cells = plan_cells(replace(settings, experiment=experiment))
+        trained = [plain(cell.policy.config) for cell in cells]
+        # 400,000 + 100,000 of ours at the laptop scale, 10 + 2.5 millions at the other.
+        decisions = {"laptop": 500_000, "paper": 12_500_000}[scale]
+        assert [one["collect"]["decisions"] for one in trained] == [decisions] * 2
+        # At the paper's scale each seed is a draw.
+        rates = {one["loss"]["lr"] for one in trained}
+        assert len(rates) == {"laptop": 1, "paper": 2}[scale]
+        assert all(1e-4 <= rate <= 5e-3 for rate in rates)
 
 
 def test_what_a_recipe_refuses_is_one_sentence(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from tests.sweeps import make_exploration, write_table
 from toponav.config import ReproduceConfig, RowConfig, SettingsError
 from toponav.experiments import (
     Cell,
+    Choice,
+    announce,
     choice_sentences,
     choose,
     make_groups,
@@ -45,7 +47,8 @@ def small(settings: ReproduceConfig) -> ReproduceConfig:
 
 def finish(cell: Cell, coverage: float) -> None:
     """The tables of a run whose last policy covers so much of its maze."""
-    made = make_exploration(cell.folder / "made", best=[coverage + 0.1])
+    best = [coverage + 0.1]
+    made = make_exploration(cell.folder / "made", seed=cell.seed, best=best)
     save(cell.folder, plain(cell.config))
     for table in made.glob("*.csv"):
         table.rename(cell.folder / table.name)
@@ -97,7 +100,7 @@ def test_the_draw_that_covers_most_in_the_mean_is_taken(
         finish(cell, coverage)
     choices = choose(settings, tries)
     assert [(one.row, one.tries) for one in choices] == [("random", 2), ("truth", 1)]
-    assert [one.coverage for one in choices] == pytest.approx([65, 50])
+    assert [one.score for one in choices] == pytest.approx([65, 50])
     best = random[1].config.loss
     assert choices[0].words == (
         f"loss.lr={best.lr}",
@@ -187,3 +190,89 @@ def test_the_choice_of_a_row_that_is_not_there_is_refused(
     rows = [RowConfig(label="one", overrides=[], choice_of="two")]
     with pytest.raises(SettingsError, match="'one' takes its drawn settings from"):
         replace(settings.experiment, rows=rows)
+
+
+@pytest.fixture
+def navigating(tmp_path: Path):
+    words = ["experiment=table8", "reproduce=smoke", f"runs={tmp_path}", "tries=2"]
+    with reproducing(*words, "most_mazes=1", "rows=[DQN]") as given:
+        yield given
+
+
+def test_rivals_are_tried_as_often_as_ours_by_what_their_policies_get(
+    navigating: ReproduceConfig,
+) -> None:
+    tries = plan_tries(navigating)
+    # Two rows choose, DQN and ours, whose map it plays over; two mazes; two draws.
+    assert [(cell.row, cell.maze, cell.seed) for cell in tries] == [
+        (row, maze, seed)
+        for row in ("ours", "DQN")
+        for maze in MAZES
+        for seed in (0, 1)
+    ]
+    assert {cell.recipe for cell in tries} == {"explore"}
+    ours, dqn = tries[:4], tries[4:]
+    assert {cell.config.reward.name for cell in ours} == {"novelty"}
+    assert {cell.config.loss.name for cell in dqn} == {"dqn"}
+    assert all(cell.config.maze.goal and cell.config.maze.apples == 3 for cell in dqn)
+    shares = [cell.config.loss.epsilon for cell in dqn]
+    assert shares[:2] == shares[2:]
+    assert shares[0] != shares[1]
+    assert all(0.02 <= share <= 0.2 for share in shares)
+
+    # By what is covered the first draw is best, by what is paid (100 and the seed in
+    # every episode of both policies, see make_exploration) the second.
+    for cell in tries:
+        finish(cell, 0.8 - cell.seed / 2)
+    choices = choose(navigating, tries)
+    assert [(one.row, one.measure) for one in choices] == [
+        ("ours", "% covered"),
+        ("DQN", "reward of an episode"),
+    ]
+    assert [one.score for one in choices] == pytest.approx([80, 101])
+
+    chosen = with_choices(navigating, choices)
+    mapped, rival = plan_cells(chosen)
+    assert mapped.first.key == rival.first.key
+    assert rival.first.config.loss.lr == ours[0].config.loss.lr
+    assert rival.policy.config.loss.epsilon == dqn[1].config.loss.epsilon
+    assert rival.policy.config.maze.name == "maze1"
+    said = choice_sentences(navigating, choices)
+    assert said[1].endswith(" (101.0 reward of an episode)")
+
+
+def test_a_rival_waits_for_the_choice_of_its_map(navigating: ReproduceConfig) -> None:
+    tries = plan_tries(navigating)
+    for cell in tries:
+        if cell.row == "DQN":
+            finish(cell, 0.5)
+    choices = choose(navigating, tries)
+    assert [one.row for one in choices] == ["DQN"]
+    assert plan_cells(with_choices(navigating, choices)) == []
+    assert announce(navigating, []) == "table8: no row has its settings chosen yet"
+    assert choice_sentences(navigating, choices)[1:] == [
+        "missing: ours: its settings are not chosen yet"
+    ]
+
+
+def test_what_is_chosen_comes_after_what_the_scale_sets(tmp_path: Path) -> None:
+    words = ["experiment=table8", f"runs={tmp_path}", "seeds=1", "most_mazes=1"]
+    with reproducing(*words, "rows=['Nav A3C']") as laptop:
+        plain = plan_cells(laptop)[-1].policy.config.loss
+        assert (plain.lr, plain.entropy_coeff) == (0.002, 0.01)
+        drawn = ("loss.lr=0.003", "loss.entropy_coeff=0.004")
+        choices = [Choice(row, drawn, 1.0, "", 2) for row in ("ours", "Nav A3C")]
+        chosen = plan_cells(with_choices(laptop, choices))[-1].policy.config.loss
+        assert (chosen.lr, chosen.entropy_coeff) == (0.003, 0.004)
+        assert (chosen.rollout, chosen.eps) == (20, 0.001)
+
+
+def test_tries_of_novelty_serve_tables_3_and_8(tmp_path: Path) -> None:
+    keys = []
+    for name, row in (("table3", "novelty"), ("table8", "ours")):
+        words = [f"experiment={name}", f"runs={tmp_path}", f"rows=[{row}]", "tries=1"]
+        with reproducing(*words) as settings:
+            keys.append([cell.key for cell in plan_tries(settings)])
+    # One draw in two mazes.
+    assert len(keys[0]) == 2
+    assert keys[0] == keys[1]

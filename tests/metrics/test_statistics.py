@@ -100,6 +100,17 @@ def test_runs_that_differ_widen_the_interval() -> None:
     assert apart.high - apart.low == pytest.approx(2 * 1.96 * 0.112, abs=0.05)
 
 
+def test_mazes_are_not_drawn() -> None:
+    # Two mazes as different as can be, whose runs do not differ: nothing is unsure.
+    apart = bootstrap(np.repeat([0.0, 10.0], 4).reshape(2, 2, 2))
+    assert (apart.low, apart.value, apart.high) == (5, 5, 5)
+    # Standard error of 4 runs: 0.112; of the mean of two such mazes: 0.112 / sqrt(2).
+    runs = np.repeat([[0.2], [0.4], [0.6], [0.8]], 10, axis=1)
+    found = bootstrap(np.stack([runs, runs + 5]))
+    assert found.value == pytest.approx(3.0)
+    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.079, abs=0.04)
+
+
 def test_runs_alike_differ_by_their_episodes_only() -> None:
     runs = np.tile([0.0, 1.0], (50, 8))  # 50 runs of the same 16 episodes
     # Standard error of 800 coin flips: 0.5 / sqrt(800) = 0.0177.
@@ -192,8 +203,8 @@ def test_correlation_does_not_depend_on_units(pairs: np.ndarray) -> None:
 def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match=r"values must be .* got \(0,\)"):
         bootstrap([])
-    with pytest.raises(ValueError, match=r"got \(1, 1, 1\)"):
-        bootstrap([[[1.0]]])
+    with pytest.raises(ValueError, match=r"got \(1, 1, 1, 1\)"):
+        bootstrap([[[[1.0]]]])
     with pytest.raises(ValueError, match="values must be finite"):
         bootstrap([1.0, NAN])
     with pytest.raises(ValueError, match=r"level must lie in .* got 95 and 2000"):

@@ -80,6 +80,33 @@ def test_what_fine_tuning_saves_is_of_equal_seeds(tmp_path: Path) -> None:
     assert "saved to 90 %" not in rows
 
 
+def test_decisions_are_saved_to_each_level_that_all_runs_reach(tmp_path: Path) -> None:
+    plain = explored(tmp_path, "plain", [[0.5]], before=1000.0)
+    run = make_exploration(tmp_path / "tuned", best=[0.6], training=1.0)
+    tuned = Group("tuned", "maze3", {0: run}, wanted=1, against="plain", before=200.0)
+    row = explore_table([plain, tuned], {}, draws=50).iloc[1]
+    # To 50 %, both need 3 of the last 16 episodes to be good (40 + 60 * 3 / 16 = 51.3),
+    # which leaves the 1000 - 200 of the pre-training.
+    assert row["saved to 50 %"].value == 800
+    # To 90 %, 14 of 16 (40 + 60 * 14 / 16 = 92.5) instead of 15: one episode less.
+    assert row["saved to 90 %"].value == 1800 + 800
+    # No episode of the other one covers everything.
+    assert "saved to 100 %" not in row
+
+
+def test_a_reward_is_a_cell_that_an_episode_visits(tmp_path: Path) -> None:
+    paper = {"reward": 586.32}
+    group = explored(tmp_path, "ours", [[0.5, 0.7]], paper=paper, cells=60)
+    rows = [{"policy": "frontier", "coverage": 0.9}]
+    table = explore_table([group], {"maze3": rows}, draws=50).set_index("row")
+    # (50 + 70) / 2 = 60 % of 60 cells, and 90 %.
+    assert [one.value for one in table["reward"]] == pytest.approx([36, 54])
+    assert table.loc["ours", "paper: reward"] == 586.32
+    text = experiment_markdown(table.reset_index(), ["reward"])
+    assert "paper: reward" in text
+    assert "586" in text
+
+
 def test_scripted_policies_are_rows_and_missing_runs_leave_gaps(tmp_path: Path) -> None:
     group = Group("ours", "maze3", {}, wanted=2)
     coverages, taken = [0.3, 0.5, 1.0], [-1, 900, 500]
@@ -145,8 +172,8 @@ def test_an_unknown_column_is_refused() -> None:
         remarks=[],
     )
     require_columns(experiment)
-    experiment.columns.append("reward")
+    experiment.columns.append("goals")
     with pytest.raises(
-        SettingsError, match=r"columns must be some of coverage.*'reward'"
+        SettingsError, match=r"columns must be some of coverage.*'goals'"
     ):
         require_columns(experiment)

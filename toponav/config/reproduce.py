@@ -64,9 +64,12 @@ class ExperimentConfig(Settings):
     paper: list[PaperConfig] = MISSING
     remarks: list[str] = MISSING
     #: Settings that are drawn by chance for each row, some tries each, and the mazes in
-    #: which they are tried: the best draw makes the row's runs.
+    #: which they are tried: the best draw makes the row's runs. Of an experiment that
+    #: navigates they are for the policy of a row, or for its first run without any.
     drawn: list[str] = field(default_factory=list)
     choose_on: list[str] = field(default_factory=list)
+    #: More settings of the tries alone.
+    choose_with: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -83,8 +86,8 @@ class ExperimentConfig(Settings):
         draws = bool(self.drawn or any(row.drawn for row in self.rows))
         rule = "experiment.choose_on must name mazes if settings are drawn"
         require(bool(self.choose_on) or not draws, rule, "none")
-        rule = "experiment.drawn must be empty unless its recipe is explore"
-        require(self.recipe == "explore" or not draws, rule, f"{self.recipe}")
+        rule = "experiment.drawn must be empty unless its recipe is explore or navigate"
+        require(self.recipe != "pretrain" or not draws, rule, f"{self.recipe}")
 
     def drawn_of(self, row: RowConfig) -> list[str]:
         """The settings that are drawn for a row; none if it takes another's."""
@@ -104,7 +107,8 @@ class ReproduceConfig(Settings):
     explore_overrides: list[str] = MISSING
     pretrain_overrides: list[str] = MISSING
     navigate_overrides: list[str] = MISSING
-    explore_s: float | None = above(0)
+    #: By the name of the learner.
+    explore_s: dict[str, float | None] = MISSING
     pretrain_s: float | None = above(0)
     navigate_s: float | None = above(0)
     runs: str = MISSING
@@ -121,6 +125,9 @@ class ReproduceConfig(Settings):
         for row in self.rows:
             rule = f"rows must name some of {', '.join(labels)}"
             require(row in labels, rule, f"'{row}'")
+        for learner, seconds in self.explore_s.items():
+            rule = f"explore_s.{learner} must be above 0"
+            require(seconds is None or seconds > 0, rule, seconds)
         require(bool(self.runs), "runs must name a folder", f"'{self.runs}'")
         require(bool(self.folder), "folder must name a folder", f"'{self.folder}'")
 
@@ -134,9 +141,15 @@ class ReproduceConfig(Settings):
         scaled = {"laptop": row.laptop_policy, "paper": row.paper_policy}
         return [*row.policy, *(scaled.get(self.scale, []) if row.policy else [])]
 
-    def seconds_of(self, recipe: str) -> float:
-        """Seconds that a run of a recipe takes, by the settings; NaN if unknown."""
-        found: float | None = getattr(self, f"{recipe}_s")
+    def seconds_of(self, recipe: str, learner: str | None = None) -> float:
+        """Seconds that a run of a recipe takes, by the settings; NaN if unknown.
+
+        Those of an exploration depend on its learner.
+        """
+        if recipe == "explore":
+            found = self.explore_s.get(learner or "")
+        else:
+            found = self.pretrain_s if recipe == "pretrain" else self.navigate_s
         return math.nan if found is None else found
 
 

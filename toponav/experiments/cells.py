@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from hydra import compose
@@ -25,7 +26,7 @@ from toponav.refusals import sentence_of
 
 # In the settings of a row: the folders of runs that come first, and in those of these
 # the setting that names the maze.
-_FIRST, _POLICY, _MAZE = "{first}", "{policy}", "{maze}"
+_FIRST, _POLICY, MAZE = "{first}", "{policy}", "{maze}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ def _words_before(
     for mark, given in lines.items():
         if given:
             # What else is chosen of the maze, such as closed slots, is not for these.
-            yield mark, [*base, *(word.replace(_MAZE, words[0]) for word in given)]
+            yield mark, [*base, *(word.replace(MAZE, words[0]) for word in given)]
 
 
 def _base_words(settings: ReproduceConfig) -> list[str]:
@@ -194,11 +195,18 @@ def _quote(word: str) -> str:
 def _compose(recipe: str, words: list[str], row: str) -> DictConfig:
     """The settings of a recipe's command line, checked like its own."""
     try:
-        config = compose(recipe, overrides=words)
-        OmegaConf.to_object(config)
+        return _composed(recipe, tuple(words))
     except Exception as error:
         if (sentence := sentence_of(error, recipe)) is None:
             raise
         rule = f"row '{row}' must have settings of {recipe}"
         raise SettingsError(f"{rule}: {sentence}") from error
+
+
+# Rows share the runs that come first, and composing takes longer than all else here.
+@cache
+def _composed(recipe: str, words: tuple[str, ...]) -> DictConfig:
+    """Valid settings of a command line; who changes some must copy them."""
+    config = compose(recipe, overrides=list(words))
+    OmegaConf.to_object(config)
     return config

@@ -1,6 +1,7 @@
 """How long the runs of an experiment take, said before the first one starts."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
@@ -15,44 +16,63 @@ from toponav.experiments.making import hours
 from toponav.methods import REWARDS
 
 
-def missing_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Cells that are not finished, each once, first runs before their followers."""
-    wanted: dict[str, Cell] = {}
+def every_cell(cells: Sequence[Cell]) -> list[Cell]:
+    """Each cell once, first runs before their followers."""
+    found: dict[str, Cell] = {}
     for cell in cells:
         for one in (*cell.before, cell):
-            if one.key not in wanted:
-                wanted[one.key] = one
-    return [cell for cell in wanted.values() if not is_finished(cell.folder)]
+            found.setdefault(one.key, one)
+    return list(found.values())
+
+
+def missing_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells that are not finished, each once, first runs before their followers."""
+    return [cell for cell in every_cell(cells) if not is_finished(cell.folder)]
+
+
+def kind_of(cell: Cell) -> str:
+    """What runs that take about as long have in common, as messages call it."""
+    if cell.recipe == "explore":
+        return f"explorations with loss={cell.config.loss.name}"
+    return {"pretrain": "pre-trainings", "navigate": "navigations"}[cell.recipe]
 
 
 def expected_seconds(
     settings: ReproduceConfig, cells: Sequence[Cell]
-) -> tuple[dict[str, float], int]:
-    """Seconds of each missing cell, by key, and of how many runs they were measured.
+) -> tuple[dict[str, float], int, bool]:
+    """Seconds of each missing cell, by key, and where they are from.
 
-    The median of the finished runs of the same row, or else of all of the experiment;
-    without any the figure of ``conf/reproduce``, NaN if it has none.
+    The median of the finished runs of the same row, or else of the same recipe and
+    learner; without any the figure of ``conf/reproduce``, NaN if it has none.
+
+    Returns:
+        The seconds, how many runs were measured, and whether some of the seconds are
+        figures of ``conf/reproduce``.
     """
     measured: dict[str, list[float]] = {}
-    for cell in {cell.key: cell for cell in cells}.values():
+    count, by_figure = 0, False
+    for cell in every_cell(cells):
         if is_finished(cell.folder) and not math.isnan(s := seconds_of(cell.folder)):
-            measured.setdefault(cell.row, []).append(s)
-    every = [one for times in measured.values() for one in times]
+            count += 1
+            for name in (cell.row, kind_of(cell)):
+                measured.setdefault(name, []).append(s)
     found = {}
     for cell in missing_cells(cells):
-        usual = settings.seconds_of(cell.recipe)
-        if every and cell.recipe == settings.experiment.recipe:
-            usual = median(every)
-        own = measured.get(cell.row)
-        found[cell.key] = usual if own is None else median(own)
-    return found, len(every)
+        own = measured.get(cell.row) or measured.get(kind_of(cell))
+        if own is not None:
+            found[cell.key] = median(own)
+            continue
+        learner = OmegaConf.select(cell.config, "loss.name")
+        found[cell.key] = settings.seconds_of(cell.recipe, learner)
+        by_figure |= not math.isnan(found[cell.key])
+    return found, count, by_figure
 
 
 def to_make(
     settings: ReproduceConfig, cells: Sequence[Cell]
 ) -> tuple[list[Cell], dict[str, float]]:
     """The missing cells, and how many seconds each should take, by key."""
-    expected, _ = expected_seconds(settings, cells)
+    expected, _, _ = expected_seconds(settings, cells)
     return missing_cells(cells), expected
 
 
@@ -70,24 +90,44 @@ def missing_pretrainings(cells: Sequence[Cell]) -> set[Path]:
 
 
 def announce(settings: ReproduceConfig, cells: Sequence[Cell]) -> str:
-    """One line: what is missing and how long it will take, and how that is known."""
+    """One line: what is missing and how long it will take, and how that is known.
+
+    Runs of which nobody knows it are named, and not in the time.
+    """
     missing = missing_cells(cells)
     total = len({cell.key for cell in cells} | {cell.key for cell in missing})
     name = settings.experiment.name
+    if not cells:
+        return f"{name}: no row has its settings chosen yet"
     if not missing:
         return f"{name}: all {total} runs are there"
-    expected, count = expected_seconds(settings, cells)
+    expected, count, by_figure = expected_seconds(settings, cells)
     first = missing_pretrainings(missing)
     text = f"{name}: {len(missing)} of {total} runs are missing"
     if first:
         text += f", and {len(first)} pre-trainings"
-    each = settings.pretrain_s
-    more = len(first) * (math.nan if each is None else each) if first else 0.0
-    seconds = (sum(expected.values()) + more) / settings.jobs
-    if math.isnan(seconds):
-        return f"{text}; how long they take is not known, no such run was made here"
-    source = (
-        f"{count} runs of this experiment" if count else "figures in conf/reproduce"
-    )
-    side = "one at a time" if settings.jobs == 1 else f"{settings.jobs} side by side"
-    return f"{text}; about {hours(seconds)}, {side} (an estimate from {source})"
+    each = settings.seconds_of("pretrain")
+    times = [(kind_of(cell), expected[cell.key]) for cell in missing]
+    times += [("pre-trainings", each)] * len(first)
+    known = [seconds for _, seconds in times if not math.isnan(seconds)]
+    unknown = Counter(kind for kind, seconds in times if math.isnan(seconds))
+    if known:
+        of = f" for {len(known)} of them" if unknown else ""
+        side = "one at a time"
+        if settings.jobs > 1:
+            side = f"{settings.jobs} side by side"
+        by_figure |= bool(first) and not math.isnan(each)
+        text += f"; about {hours(sum(known) / settings.jobs)}{of}, {side} "
+        text += f"(an estimate from {_source(count, by_figure)})"
+    if unknown:
+        kinds = ", ".join(f"{kind} ({number})" for kind, number in unknown.items())
+        text += f"; not measured: {kinds}"
+    return text
+
+
+def _source(count: int, by_figure: bool) -> str:
+    """Where an estimate is from."""
+    parts = [f"{count} runs of this experiment"] if count else []
+    if by_figure:
+        parts.append("figures in conf/reproduce")
+    return " and ".join(parts)

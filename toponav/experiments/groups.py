@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from omegaconf import OmegaConf
 
-from toponav.builders import pretraining_decisions
+from toponav.builders import make_layout, pretraining_decisions
 from toponav.config import (
     ExploreConfig,
     ReproduceConfig,
@@ -31,8 +32,15 @@ def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]
             before = _decisions_before(own[0]) if runs else math.nan
             figures = paper.get((row.label, maze), {})
             group = Group(row.label, maze, runs, len(own), before, row.against, figures)
-            groups.append(group)
+            groups.append(replace(group, cells=_cells_of(own[0])))
     return groups
+
+
+def _cells_of(cell: Cell) -> int | None:
+    """Cells of the maze that a cell explores."""
+    if cell.recipe != "explore" or cell.config.world.name != "maze":
+        return None
+    return make_layout(explore_settings(cell).maze).num_cells
 
 
 def _decisions_before(cell: Cell) -> float:

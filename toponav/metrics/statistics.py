@@ -33,12 +33,17 @@ class Estimate:
 
 
 class _RunsThenEpisodes(StratifiedBootstrap):
-    """Draws runs, then episodes of each; rliable's own draws ignore the seed."""
+    """Draws runs of each maze, then episodes of each; rliable's draws ignore the seed.
 
-    def update_indices(self) -> tuple[Ints, Ints]:
-        num_runs, num_episodes = self._args_shape
-        run = self.generator.integers(num_runs, size=(num_runs, 1))
-        return run, self.generator.integers(num_episodes, size=self._args_shape)
+    With ``[R, E]`` there is one maze.
+    """
+
+    def update_indices(self) -> tuple[Ints, ...]:
+        *mazes, num_runs, num_episodes = self._args_shape
+        run = self.generator.integers(num_runs, size=(*mazes, num_runs, 1))
+        episode = self.generator.integers(num_episodes, size=self._args_shape)
+        maze = [np.arange(number)[:, None, None] for number in mazes]
+        return (*maze, run, episode)
 
 
 def bootstrap(
@@ -53,7 +58,8 @@ def bootstrap(
 
     Two seeds of one learner often differ more than two episodes of one seed do. With
     ``[R, E]``, each draw therefore takes R runs and then E episodes of each of them;
-    that of one run alone says nothing about other seeds.
+    that of one run alone says nothing about other seeds. With ``[M, R, E]`` it does so
+    in each of M mazes: these are not drawn, the interval is of them alone.
 
     ``statistic`` is of all values together, such as rliable's ``aggregate_iqm``, and
     ``level`` the share of the ``draws`` inside the interval.
@@ -68,8 +74,9 @@ def bootstrap(
         (0.8, True)
     """
     table = np.asarray(values, np.float64)
-    if table.ndim not in (1, 2) or not table.size:
-        raise ValueError(f"values must be [N] or [R, E], not empty, got {table.shape}")
+    if table.ndim not in (1, 2, 3) or not table.size:
+        rule = "values must be [N], [R, E] or [M, R, E], not empty"
+        raise ValueError(f"{rule}, got {table.shape}")
     if not np.isfinite(table).all():
         raise ValueError("values must be finite, got some that are not")
     if not 0 < level < 1 or draws < 1:

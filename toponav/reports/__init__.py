@@ -12,7 +12,6 @@ from toponav.reports.experiment_figures import (
 from toponav.reports.experiment_report import (
     Group as Group,
     explore_table as explore_table,
-    judged_score as judged_score,
     pretrain_table as pretrain_table,
     require_columns as require_columns,
 )
@@ -29,6 +28,10 @@ from toponav.reports.exploration_evaluation import (
     summarize_evaluation as summarize_evaluation,
     write_episode_video as write_episode_video,
     write_evaluation as write_evaluation,
+)
+from toponav.reports.exploration_measures import (
+    judged_score as judged_score,
+    kept_return as kept_return,
 )
 from toponav.reports.exploration_report import (
     ExplorationReport as ExplorationReport,
@@ -48,6 +51,9 @@ from toponav.reports.navigation_report import (
 from toponav.reports.navigation_tables import (
     navigate_table as navigate_table,
     navigation_curves as navigation_curves,
+)
+from toponav.reports.pooled_rows import (
+    best_sentences as best_sentences,
 )
 from toponav.reports.pretraining_report import (
     progress_figures as progress_figures,

@@ -1,6 +1,5 @@
 """The table of an experiment, from the folders of its runs."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,35 +10,36 @@ import pandas as pd
 from rliable.metrics import aggregate_iqm
 
 from toponav.config import ExperimentConfig, require
-from toponav.metrics import (
-    Estimate,
-    Floats,
-    bootstrap,
-    decisions_to_reach,
-    running_mean,
-    top_mean,
+from toponav.metrics import Floats, bootstrap, decisions_to_reach, top_mean
+from toponav.reports.exploration_measures import (
+    COVERAGE,
+    DIFFERENCE,
+    IQM,
+    LEVELS,
+    Explored,
+    Values,
+    differences,
+    estimate,
+    measures,
+    stack_runs,
+    training_columns,
 )
 from toponav.reports.navigation_report import WITHIN
-from toponav.reports.sweep_report import WINDOW
-from toponav.runs import Exploration, read_exploration, read_pretraining
+from toponav.reports.pooled_rows import pooled_row
+from toponav.runs import read_exploration, read_pretraining
 
-#: The policy of each run that is judged: that of its end. A best one is not kept by
-#: every reward method, and choosing would favour those that keep one.
-JUDGED = "last"
 #: What the paper's columns are called.
 PAPER = "paper: "
-_LEVELS = (50, 90, 100)
-_SAVED = 90
 #: Names of all columns of a table of explorations, and of one of pre-trainings.
 EXPLORE_COLUMNS = (
-    *("coverage (%)", "IQM (%)", "top 5 (%)", "top 5 runs (%)", "best episode (%)"),
-    *(f"decisions to {level} %" for level in _LEVELS),
-    *(f"training to {level} %" for level in _LEVELS),
-    *("difference (%)", "saved to 90 %", "pre-training"),
+    *(COVERAGE, IQM, "top 5 (%)", "top 5 runs (%)", "best episode (%)", "reward"),
+    *(f"decisions to {level} %" for level in LEVELS),
+    *(f"training to {level} %" for level in LEVELS),
+    *(DIFFERENCE, *(f"saved to {level} %" for level in LEVELS), "pre-training"),
 )
 PRETRAIN_COLUMNS = (
     *("TC accuracy (%)", "TC IQM (%)", "L accuracy (%)", "L IQM (%)"),
-    *("waypoints (%)", "difference (%)"),
+    *("waypoints (%)", DIFFERENCE),
 )
 NAVIGATE_COLUMNS = (
     *("goals", "goals (IQM)", "reward", "of the oracle (%)"),
@@ -66,6 +66,7 @@ class Group:
     against: str | None = None
     #: The paper's own figures, by column.
     paper: Mapping[str, float] = field(default_factory=dict)
+    cells: int | None = None  # that the maze has
 
 
 def require_columns(experiment: ExperimentConfig) -> None:
@@ -87,48 +88,74 @@ def explore_table(
     *,
     draws: int,
 ) -> pd.DataFrame:
-    """A row for each group, and for each scripted policy of a maze.
+    """A row for each group and scripted policy of a maze, then each over all mazes.
 
     ``scripted`` has, by maze, rows as ``evaluation.csv`` has them.
     """
-    read = {
-        (one.row, one.maze): {
-            seed: read_exploration(at) for seed, at in one.runs.items()
-        }
+    explored = {
+        (one.row, one.maze): Explored(
+            {seed: read_exploration(at) for seed, at in one.runs.items()}, one.before
+        )
         for one in groups
     }
-    covered = {
-        key: {seed: _judged(one)["score"].to_numpy() for seed, one in found.items()}
-        for key, found in read.items()
+    measured = {
+        (one.row, one.maze): measures(
+            explored[one.row, one.maze],
+            explored.get((one.against or "", one.maze), Explored()),
+        )
+        for one in groups
     }
-    before = {(one.row, one.maze): one.before for one in groups}
     rows = []
     for maze in dict.fromkeys(one.maze for one in groups):
-        for group in groups:
-            if group.maze != maze:
-                continue
-            found = list(read[group.row, maze].values())
-            entry = group_head(group)
-            if found:
-                values = covered[group.row, maze]
-                entry |= _coverage(pd.concat(map(_judged, found)), draws)
-                entry |= _estimates(stack_runs(values), draws)
-                entry |= _training(found, group.before)
-                other = covered.get((group.against or "", maze), {})
-                entry |= _difference(values, other, draws)
-                key = (group.against or "", maze)
-                more = before.get(key, 0.0) - group.before
-                entry |= _saved(read[group.row, maze], read.get(key, {}), more, draws)
+        own = [one for one in groups if one.maze == maze]
+        for group in own:
+            entry, key = group_head(group), (group.row, maze)
+            if group.runs:
+                entry |= _columns(explored[key], measured[key], group.cells, draws)
             rows.append(entry | paper_figures_of(group))
-        tables = pd.DataFrame(scripted.get(maze, ()))
-        for policy, table in (
-            tables.groupby("policy", sort=False) if len(tables) else ()
-        ):
-            percent = table.assign(score=100 * table["coverage"])
-            entry = {"maze": maze, "row": str(policy), "runs": "-"}
-            entry |= _coverage(percent, draws)
-            rows.append(entry | _estimates(percent["score"].to_numpy(), draws))
-    return ordered_table(rows, EXPLORE_COLUMNS)
+        rows += _scripted_rows(maze, scripted.get(maze, ()), own[0].cells, draws)
+    return ordered_table([*rows, *_pooled(groups, measured, draws)], EXPLORE_COLUMNS)
+
+
+def _columns(
+    own: Explored, measured: Mapping[str, Values], cells: int | None, draws: int
+) -> dict[str, Any]:
+    """All columns of a row with runs."""
+    stacked = {name: stack_runs(values) for name, values in measured.items()}
+    entry: dict[str, Any] = _coverage(pd.concat(own.judged()))
+    entry |= {name: estimate(name, found, draws) for name, found in stacked.items()}
+    entry |= _best(stacked[COVERAGE]) | _reward(stacked[COVERAGE], cells, draws)
+    return entry | training_columns(own)
+
+
+def _scripted_rows(
+    maze: str, rows: Sequence[Mapping[str, Any]], cells: int | None, draws: int
+) -> list[dict[str, Any]]:
+    """A row for each scripted policy of a maze."""
+    found, table = [], pd.DataFrame(rows)
+    for policy, own in table.groupby("policy", sort=False) if len(table) else ():
+        values = 100 * own["coverage"].to_numpy(np.float64)
+        entry: dict[str, Any] = {"maze": maze, "row": str(policy), "runs": "-"}
+        entry |= _coverage(own)
+        entry |= {name: estimate(name, values, draws) for name in (COVERAGE, IQM)}
+        found.append(entry | _best(values) | _reward(values, cells, draws))
+    return found
+
+
+def _pooled(
+    groups: Sequence[Group],
+    measured: Mapping[tuple[str, str], Mapping[str, Values]],
+    draws: int,
+) -> list[dict[str, Any]]:
+    """A row for each row that has several mazes, over all of them."""
+    rows = []
+    for row in dict.fromkeys(one.row for one in groups):
+        own = [one for one in groups if one.row == row]
+        if len(own) > 1:
+            each = [measured[row, one.maze] for one in own]
+            wanted = sum(one.wanted for one in own)
+            rows.append(pooled_row(row, each, wanted=wanted, draws=draws))
+    return rows
 
 
 def group_head(group: Group) -> dict[str, Any]:
@@ -142,96 +169,31 @@ def paper_figures_of(group: Group) -> dict[str, float]:
     return {f"{PAPER}{name}": value for name, value in group.paper.items()}
 
 
-def _judged(one: Exploration) -> pd.DataFrame:
-    return one.evaluation[one.evaluation["policy"] == JUDGED]
-
-
-def judged_score(run: Path) -> float:
-    """Mean score of a finished exploration's judged policy; its coverage, in %."""
-    return float(_judged(read_exploration(run))["score"].mean())
-
-
-def stack_runs(values: Mapping[int, Floats]) -> Floats:
-    """``[R, E]``, of the episodes that all runs have."""
-    least = min(map(len, values.values()))
-    return np.stack([one[:least] for one in values.values()])
-
-
-def _estimates(values: Floats, draws: int) -> dict[str, Any]:
+def _best(values: Floats) -> dict[str, float]:
+    """The largest of the coverages ``[R, E]`` or ``[E]``, in %."""
     of_runs = values.mean(1) if values.ndim == 2 else np.empty(0)
     return {
-        "coverage (%)": bootstrap(values, draws=draws),
-        "IQM (%)": bootstrap(values, aggregate_iqm, draws=draws),
         "top 5 (%)": top_mean(values),
         "top 5 runs (%)": top_mean(of_runs),
         "best episode (%)": float(values.max()),
     }
 
 
-def _coverage(table: pd.DataFrame, draws: int) -> dict[str, float]:
+def _reward(values: Floats, cells: int | None, draws: int) -> dict[str, Any]:
+    """The reward of coverages in %: 1 for each cell that an episode visits."""
+    if cells is None:
+        return {}
+    return {"reward": bootstrap(values * cells / 100, draws=draws)}
+
+
+def _coverage(table: pd.DataFrame) -> dict[str, float]:
     """Medians of the decisions of an episode until it has covered so much."""
-    names = {level: f"decisions_to_{level}" for level in _LEVELS}
+    names = {level: f"decisions_to_{level}" for level in LEVELS}
     return {
         f"decisions to {level} %": decisions_to_reach(table[name])[0]
         for level, name in names.items()
         if name in table
     }
-
-
-def _training(found: Sequence[Exploration], before: float) -> dict[str, float]:
-    """Medians of the decisions of the training, ``before`` included, to each level."""
-    measured = {"pre-training": before}
-    for level in _LEVELS:
-        taken = [_reached(one, level) for one in found]
-        measured[f"training to {level} %"] = decisions_to_reach(taken)[0] + before
-    return measured
-
-
-def _reached(one: Exploration, level: float) -> float:
-    """Decisions until the mean of the last episodes covers so much, -1 if never.
-
-    All of the maze counts as soon as one episode covers it.
-    """
-    score = one.episodes["score"].to_numpy()
-    if level < 100:
-        score = running_mean(score, WINDOW)
-        score[: WINDOW - 1] = 0.0
-    good = np.flatnonzero(score >= level - 1e-6)
-    return float(one.episodes["decisions"].iloc[good[0]]) if len(good) else -1.0
-
-
-def _saved(
-    own: Mapping[int, Exploration],
-    other: Mapping[int, Exploration],
-    more: float,
-    draws: int,
-) -> dict[str, Estimate]:
-    """Fewer decisions of the training to 90 % than the other runs with equal seeds.
-
-    ``more`` is what the others' networks learned from beyond that of one's own. Nothing
-    if one of the runs never gets there: how much it saves is not known.
-    """
-    pairs = [
-        (_reached(other[seed], _SAVED), _reached(own[seed], _SAVED))
-        for seed in own
-        if seed in other
-    ]
-    if not pairs or min(map(min, pairs)) < 0 or math.isnan(more):
-        return {}
-    saved = np.array([[theirs - ours + more] for theirs, ours in pairs])
-    return {"saved to 90 %": bootstrap(saved, draws=draws)}
-
-
-def _difference(
-    own: Mapping[int, Floats], other: Mapping[int, Floats], draws: int
-) -> dict[str, Estimate]:
-    """Of runs with one seed, episode by episode, which start in the same places."""
-    seeds = [seed for seed in own if seed in other]
-    if not seeds:
-        return {}
-    least = min(len(side[seed]) for side in (own, other) for seed in seeds)
-    pairs = np.stack([own[seed][:least] - other[seed][:least] for seed in seeds])
-    return {"difference (%)": bootstrap(pairs, draws=draws)}
 
 
 def pretrain_table(groups: Sequence[Group], *, draws: int) -> pd.DataFrame:
@@ -257,7 +219,7 @@ def pretrain_table(groups: Sequence[Group], *, draws: int) -> pd.DataFrame:
 def _accuracies(
     found: Mapping[int, pd.Series], other: Mapping[int, pd.Series], draws: int
 ) -> dict[str, Any]:
-    def values(name: str, of: Mapping[int, pd.Series] = found) -> dict[int, Floats]:
+    def values(name: str, of: Mapping[int, pd.Series] = found) -> Values:
         return {seed: np.array([one[name]]) for seed, one in of.items()}
 
     entry: dict[str, Any] = {}
@@ -273,7 +235,9 @@ def _accuracies(
         # At the largest threshold, as the paper keeps them.
         last = max(shares, key=lambda name: float(name.rpartition("_")[2]))
         entry["waypoints (%)"] = bootstrap(stack_runs(values(last)), draws=draws)
-    return entry | _difference(values("accuracy"), values("accuracy", other), draws)
+    if pairs := differences(values("accuracy"), values("accuracy", other)):
+        entry[DIFFERENCE] = estimate(DIFFERENCE, stack_runs(pairs), draws)
+    return entry
 
 
 def ordered_table(

@@ -16,8 +16,8 @@ from toponav.reports.experiment_report import (
     group_head,
     ordered_table,
     paper_figures_of,
-    stack_runs,
 )
+from toponav.reports.exploration_measures import stack_runs
 from toponav.reports.navigation_report import WITHIN
 from toponav.runs import read_navigation
 
