@@ -23,6 +23,7 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_critic,
     require_one_action,
     require_recurrent,
     require_slices,
@@ -107,6 +108,7 @@ class A3CLoss(GAEMixin, LossModule):
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)
         self.register_coeff_buffer("critic_coeff", critic_coeff)
         if critic_network is not None:
+            require_critic(critic_network)
             self.set_keys(action=require_one_action(network))
 
     @property

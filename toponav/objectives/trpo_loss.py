@@ -25,6 +25,7 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_critic,
     require_one_action,
     require_recurrent,
     require_slices,
@@ -112,6 +113,7 @@ class TRPOLoss(GAEMixin, LossModule):
                 distribution_class=Categorical,
                 distribution_kwargs={"validate_args": False},
             )
+        require_critic(critic_network)
         require_one_action(network)
         self.actor_network = network
         self.critic_network = critic_network
