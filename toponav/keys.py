@@ -179,12 +179,15 @@ LOST: NestedKey = (NAVIGATION, "lost")
 _MEMORY = "WaypointMemory"
 _PRIMER = "the policy's make_tensordict_primer()"
 _CHUNKS = "a replay buffer with EpisodeSampler(Chunks())"
+_PAIRS = "pairs of MinedPairs or DrawnPairs"
 _TRUTH = "MazeEnv(privileged=True)"
 #: What writes an entry, where that helps who lacks it.
 WRITERS: dict[NestedKey, str] = {
     NETWORK_PIXELS: "AreaDownsample",
     POLICY_PIXELS: "PolicyPixels",
     EMBEDDING: "WaypointMemory or EmbedViews",
+    ANCHOR: _PAIRS,
+    OTHER: _PAIRS,
     PREVIOUS_ACTION: "PreviousAction",
     PREVIOUS_REWARD: "PreviousReward",
     FRAME_STACK: "GreyStack",

@@ -108,8 +108,8 @@ class A3CLoss(GAEMixin, LossModule):
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)
         self.register_coeff_buffer("critic_coeff", critic_coeff)
         if critic_network is not None:
-            require_critic(critic_network)
             self.set_keys(action=require_one_action(network))
+            require_critic(critic_network)
 
     @property
     def in_keys(self) -> list[NestedKey]:

@@ -113,8 +113,8 @@ class TRPOLoss(GAEMixin, LossModule):
                 distribution_class=Categorical,
                 distribution_kwargs={"validate_args": False},
             )
-        require_critic(critic_network)
         require_one_action(network)
+        require_critic(critic_network)
         self.actor_network = network
         self.critic_network = critic_network
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)

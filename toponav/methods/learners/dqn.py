@@ -26,7 +26,7 @@ from toponav.methods.learners.q_learner import (
     QLearner,
     QPolicy,
 )
-from toponav.views import ChannelOrder
+from toponav.views import ChannelOrder, check_views
 
 
 @dataclass
@@ -86,6 +86,7 @@ class StackedQNetwork(TensorDictModuleBase):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         seen = [read_entry(tensordict, key) for key in (FRAMES, POLICY_PIXELS)]
+        check_views(repr(POLICY_PIXELS), seen[1].shape, self.convolutions.channels)
         stack = torch.cat(seen, self.dim)
         tensordict.set(ACTION_VALUE, self.head(self.convolutions(stack)))
         newest = stack.narrow(self.dim, 3, stack.shape[self.dim] - 3)

@@ -70,8 +70,8 @@ class IntrinsicCuriosity(nn.Module):
         self.stack_shape = (*size, frames) if channels == "HWC" else (frames, *size)
         self.forward_trains_features = forward_trains_features
         layers: list[nn.Module] = []
-        for channels, width in pairwise([frames] + [_WIDTH] * _CONVOLUTIONS):
-            convolution = nn.Conv2d(channels, width, 3, stride=2, padding=1)
+        for planes, width in pairwise([frames] + [_WIDTH] * _CONVOLUTIONS):
+            convolution = nn.Conv2d(planes, width, 3, stride=2, padding=1)
             nn.init.xavier_uniform_(convolution.weight)
             assert convolution.bias is not None
             nn.init.zeros_(convolution.bias)
