@@ -11,9 +11,9 @@ the task, which says where goals are lost. The run folder gets ``summary.csv`` a
 ``summary.md`` (means, 95 % intervals, and what went wrong), ``episodes.csv``,
 ``goals.png``, ``success.png``, ``path.png`` and ``walk.mp4``.
 
-In a world without a plan (``world=gym``) it counts the walks that come to the place of their
-pictures, by the positions that ``world.position`` gives, beside random walks: ``navigator=
-topological``, ``episodes.csv`` and ``summary.csv`` alone.
+In a world without a plan (``world=gym``) it counts the walks that come to the place of
+their pictures, by the positions that ``world.position`` gives, beside random walks. It
+takes ``navigator=topological``, and writes ``episodes.csv`` and ``summary.csv`` alone.
 """
 
 from toponav.interrupts import catch_early

@@ -1,4 +1,4 @@
-"""Walks to pictures where there is no plan: which goals, and who came there."""
+"""Who comes to pictures where there is no plan, and which pictures are shown."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Walks to places shown in pictures, in worlds of positions without a plan."""
+"""How agents walk to pictures, in worlds of positions without a plan."""
 
 from collections.abc import Mapping
 from contextlib import closing
