@@ -79,6 +79,14 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
     # What only poses can show is not there.
     assert not (run / "map.png").exists()
     assert not (run / "map_poses.npy").exists()
+    # And walks to pictures, judged by the positions.
+    done = run_forked("navigate", "run=run", "scale=smoke", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "sticky: came to the place of " in done.stdout
+    (walks,) = (tmp_path / "runs/navigate").iterdir()
+    walked = rows(walks / "episodes.csv")
+    assert {row["policy"] for row in walked} == {"navigator", "random", "sticky"}
+    assert all(-1 <= int(row["decisions"]) <= 64 for row in walked)
 
 
 @pytest.mark.slow

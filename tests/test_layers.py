@@ -14,7 +14,7 @@ import pytest
 REPOSITORY = Path(__file__).parent.parent
 #: From the ground up; rooms of one floor do not import each other.
 FLOORS: list[set[str]] = [
-    {"keys", "worlds", "views", "interrupts", "config"},
+    {"keys", "worlds", "views", "actions", "parts", "interrupts", "config"},
     {
         "collectors",
         "data",

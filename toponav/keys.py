@@ -8,6 +8,8 @@ Entries under ``PRIVILEGED`` are ground truth. Evaluation reads them; an agent n
 does. A world without ground truth does not have them.
 """
 
+from collections.abc import Sequence
+
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
@@ -177,18 +179,27 @@ LOST: NestedKey = (NAVIGATION, "lost")
 _MEMORY = "WaypointMemory"
 _PRIMER = "the policy's make_tensordict_primer()"
 _CHUNKS = "a replay buffer with EpisodeSampler(Chunks())"
+_PAIRS = "pairs of MinedPairs or DrawnPairs"
 _TRUTH = "MazeEnv(privileged=True)"
 #: What writes an entry, where that helps who lacks it.
 WRITERS: dict[NestedKey, str] = {
     NETWORK_PIXELS: "AreaDownsample",
     POLICY_PIXELS: "PolicyPixels",
     EMBEDDING: "WaypointMemory or EmbedViews",
+    ANCHOR: _PAIRS,
+    OTHER: _PAIRS,
     PREVIOUS_ACTION: "PreviousAction",
     PREVIOUS_REWARD: "PreviousReward",
+    FRAME_STACK: "GreyStack",
+    GOAL_VIEWS: "GoalViews",
+    LOOP_CLOSED: "LoopClosure",
+    ENV_ID: "the numbers of the envs, [E, T, 1]",
+    DEPTH: "MazeEnv(depth=...)",
     VELOCITY: "MazeEnv(velocity=True)",
     IS_INIT: "TorchRL's InitTracker",
     HIDDEN: _PRIMER,
     MEMORY_CELL: _PRIMER,
+    FRAMES: _PRIMER,
     WAYPOINT: _MEMORY,
     VISITS: _MEMORY,
     SIMILARITY: _MEMORY,
@@ -198,6 +209,7 @@ WRITERS: dict[NestedKey, str] = {
     POSITION: _TRUTH,
     HEADING: _TRUTH,
     CELL: _TRUTH,
+    GOAL_CELL: _TRUTH,
     BLOCKED: _TRUTH,
 }
 
@@ -221,3 +233,12 @@ def read_entry(tensordict: TensorDictBase, key: NestedKey) -> Tensor:
         hint = f": add {WRITERS[key]}" if key in WRITERS else ""
         raise KeyError(f"the tensordict must have {key!r}{hint}, got {found}")
     return entry
+
+
+def select_entries(
+    tensordict: TensorDictBase, wanted: Sequence[NestedKey]
+) -> TensorDictBase:
+    """The entries that are needed, alone; KeyError as of `read_entry`."""
+    for key in wanted:
+        read_entry(tensordict, key)
+    return tensordict.select(*wanted)

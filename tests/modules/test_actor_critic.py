@@ -253,7 +253,7 @@ def test_an_env_with_one_hot_actions_gets_them() -> None:
 
 def test_an_env_with_other_actions_is_refused() -> None:
     with pytest.raises(
-        ValueError, match=r"must be \(2, True\) .* OneHot, got \(2, False\)"
+        ValueError, match=r"must be \(2, True\) .* OneHot \(or categ.* got \(2, False\)"
     ):
         make_one_hot_env(make_network())[1].reset()
     with pytest.raises(ValueError, match=r"must be \(2, True\) .* got \(3, False\)"):

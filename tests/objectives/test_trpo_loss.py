@@ -322,7 +322,9 @@ def test_a_wrong_number_is_refused() -> None:
         TrustRegion(weights, max_kl=0)
     with pytest.raises(ValueError, match=r"shrink must be above 0 and below 1, got 1"):
         TrustRegion(weights, shrink=1)
-    with pytest.raises(TypeError, match=r"without a critic_network must be a rec.*L"):
+    with pytest.raises(
+        TypeError, match=r"without a critic_network must be such .*, got L"
+    ):
         TRPOLoss(nn.Linear(2, 2))
     with pytest.raises(ValueError, match=r"a ProbabilisticActor of one .* got Linear"):
         TRPOLoss(nn.Linear(2, 2), nn.Linear(2, 1))

@@ -37,6 +37,7 @@ from toponav.builders.navigation import (
     GoalPlaces as GoalPlaces,
     GroundTruth as GroundTruth,
     load_exploration as load_exploration,
+    load_knowledge as load_knowledge,
     make_goal_places as make_goal_places,
     make_navigation_env as make_navigation_env,
     require_same_maze as require_same_maze,

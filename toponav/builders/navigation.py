@@ -104,6 +104,18 @@ def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTrut
     return AgentKnowledge(world, networks, topological_map, places), truth
 
 
+def load_knowledge(folder: Path, world: WorldSpec) -> AgentKnowledge:
+    """What an agent has of an exploration in a world without ground truth.
+
+    Raises `SettingsError` if it has no networks, or no map with waypoints.
+    """
+    rule = "run must name an exploration with networks and a map"
+    for name in (NETWORKS_FILE, MAP_FILE):
+        require((folder / name).is_file(), rule, f"'{folder}' without {name}")
+    networks = load_networks(folder, setting="run", world=world)
+    return AgentKnowledge(world, networks, _load_map(folder, networks)[0])
+
+
 def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None:
     """Refuse the run of a maze with another layout or appearance."""
     names = ("name", "path", "rows", "cols", "seed", "loops", *_APPEARANCE)

@@ -6,9 +6,11 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from toponav.actions import as_numbers
 from toponav.data.episodes import Episodes
 from toponav.data.pair_sources import DrawRule
-from toponav.keys import ACTION, HEADING, LABEL, NETWORK_PIXELS, POSITION
+from toponav.keys import ACTION, HEADING, LABEL, NETWORK_PIXELS, POSITION, read_entry
+from toponav.parts import require_parts
 
 
 @dataclass(frozen=True)
@@ -26,13 +28,13 @@ class HeldOut:
     """Episodes of one world, all of one length; with poses where the world has them.
 
     Args:
-        frames: ``[E, T]`` with ``network_pixels`` and ``action``.
+        frames: ``[E, T]`` with ``network_pixels`` and ``action``, a number or one-hot.
         name: of the world.
 
     Examples:
         >>> from tensordict import TensorDict
         >>> from toponav.data import LPairs
-        >>> frames = TensorDict({"action": torch.zeros(2, 9)}, [2, 9])
+        >>> frames = TensorDict({"action": torch.zeros(2, 9).long()}, [2, 9])
         >>> held_out = HeldOut(frames, name="maze1")
         >>> pairs = held_out.draw(LPairs(4), 10, seed=0)
         >>> bool((pairs.second - pairs.first == pairs.distance).all())
@@ -45,11 +47,16 @@ class HeldOut:
         self.name = name
         self.num_episodes, self.length = frames.shape
         self.frames = frames.flatten()
-        #: Views of all frames, ``[E * T, H, W, 3]``, episode after episode.
-        self.pixels: Tensor = self.frames.get(NETWORK_PIXELS)
+
+    @property
+    def pixels(self) -> Tensor:
+        """Views of all frames, ``[E * T, H, W, 3]``, episode after episode."""
+        return read_entry(self.frames, NETWORK_PIXELS)
 
     def draw(self, rule: DrawRule, num_pairs: int, *, seed: int) -> PairSet:
         """Draw pairs by a rule, such as `TCPairs` or `LPairs`."""
+        require_parts(rule, "rule", "TCPairs or LPairs", "draw")
+        action = as_numbers(read_entry(self.frames, ACTION), self.frames.shape)
         episodes = Episodes.from_lengths([self.length] * self.num_episodes)
         generator = torch.Generator().manual_seed(seed)
         place, extra = rule.draw(episodes, num_pairs, generator)
@@ -60,7 +67,7 @@ class HeldOut:
             second,
             torch.where(same, (second - first).abs(), 0),
             extra.get(LABEL, torch.zeros(num_pairs)),
-            self.frames.get(ACTION)[first],
+            action[first],
         )
 
     def poses(
@@ -68,6 +75,6 @@ class HeldOut:
     ) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
         """The ground truth: both positions ``[P, 2]``, both headings ``[P]``."""
         rows = torch.stack([pairs.first, pairs.second])
-        here, there = self.frames.get(POSITION)[rows]
-        heading, other = self.frames.get(HEADING).squeeze(-1)[rows]
+        here, there = read_entry(self.frames, POSITION)[rows]
+        heading, other = read_entry(self.frames, HEADING).squeeze(-1)[rows]
         return (here, there), (heading, other)

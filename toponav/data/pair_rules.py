@@ -7,6 +7,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torch.nn.functional import embedding
 
+from toponav.actions import as_numbers
 from toponav.data.episodes import Episodes
 from toponav.keys import (
     ACTION,
@@ -187,10 +188,7 @@ class LPairs:
         near = same & (gap >= self.min_distance) & (gap <= self.max_action_distance)
         pair = near.nonzero()
         weight = distance_weights(gap[near], self.max_action_distance)
-        action = read_entry(frames, ACTION)
-        # One-hot actions have a dimension more.
-        is_one_hot = action.ndim > frames.ndim and action.shape[-1] > 1
-        action = (action.long().argmax(-1) if is_one_hot else action).flatten()
+        action = as_numbers(read_entry(frames, ACTION), frames.shape).flatten()
         taken = action[pair[:, 0].to(action.device)].to(pair.device)
         numbers = {_PAIR: pair, ACTION: taken, WEIGHT: weight}
         found: TensorDictBase = TensorDict(numbers, [len(pair)])

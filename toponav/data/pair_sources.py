@@ -14,6 +14,7 @@ from torchrl.envs.transforms import Transform
 from toponav import keys
 from toponav.data.episodes import Episodes, find_episodes
 from toponav.data.pair_rules import LPairs, TCPairs, draw_below
+from toponav.parts import require_callables, require_parts
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,7 @@ class EpisodeSampler(Sampler):
     """
 
     def __init__(self, rule: DrawRule) -> None:
+        require_parts(rule, "rule", "TCPairs, LPairs or Chunks", "draw")
         self.rule = rule
         self._episodes: Episodes | None = None
 
@@ -150,9 +152,9 @@ class SplitPairs(Transform):
             got = f"{list(tensordict.shape)}; give the buffer EpisodeSampler(TCPairs())"
             raise ValueError(f"the sample must be of pairs, [P, 2], got {got}")
         (in_key,) = self.in_keys
-        first, second = tensordict.unbind(-1)
-        pairs = first.exclude(in_key).set(keys.ANCHOR, first.get(in_key))
-        return pairs.set(keys.OTHER, second.get(in_key))
+        anchor, other = keys.read_entry(tensordict, in_key).unbind(tensordict.ndim - 1)
+        pairs = tensordict[..., 0].exclude(in_key).set(keys.ANCHOR, anchor)
+        return pairs.set(keys.OTHER, other)
 
 
 #: Views ``[N, H, W, 3]`` to embeddings ``[N, D]``.
@@ -186,6 +188,9 @@ class MinedPairs:
     def __post_init__(self) -> None:
         if self.max_pairs < 2:
             raise ValueError(f"max_pairs must be at least 2, got {self.max_pairs}")
+        require_callables(embed_tc=self.embed_tc, embed_l=self.embed_l)
+        for name in ("tc_pairs", "l_pairs"):
+            require_parts(getattr(self, name), name, "TCPairs or LPairs", "mine")
         self.buffer = TensorDictReplayBuffer(
             storage=_as_storage(self.storage),
             sampler=EpisodeSampler(self.chunks),
@@ -195,8 +200,8 @@ class MinedPairs:
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         frames = self.buffer.sample().flatten().to(self.device)
-        views = frames.pop(self.in_key)
-        frames.set(keys.EMBEDDING, self.embed_tc(views))
+        views = keys.read_entry(frames, self.in_key)
+        frames = frames.exclude(self.in_key).set(keys.EMBEDDING, self.embed_tc(views))
         kept: dict[str, Any] = {
             "max_pairs": self.max_pairs,
             "generator": self.generator,
@@ -245,5 +250,6 @@ class DrawnPairs:
 def _as_storage(frames: Storage | TensorDictBase) -> Storage:
     """A storage of these frames, which are not copied; or what is one already."""
     if not isinstance(frames, TensorDictBase):
+        require_parts(frames, "storage", "frames or a Storage", "get", "ndim")
         return frames
     return TensorStorage(frames.exclude("next").reshape(-1))

@@ -1,11 +1,11 @@
 """`SliceReplay`: the last decisions of an exploration, drawn in short slices."""
 
 import torch
-from tensordict import NestedKey, TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase, unravel_key
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, SliceSampler, TensorDictReplayBuffer
 
-from toponav.keys import ACTION, DONE, IS_INIT, REWARD, TERMINATED
+from toponav.keys import ACTION, DONE, IS_INIT, REWARD, TERMINATED, read_entry
 
 # Which batch and row a decision came with: slices do not reach over it.
 _PIECE = "piece"
@@ -51,7 +51,7 @@ class SliceReplay:
         later = [view, reward, DONE, TERMINATED]
         #: What `extend` reads.
         self.in_keys: list[NestedKey] = [view, ACTION, IS_INIT]
-        self.in_keys += [("next", key) for key in later]
+        self.in_keys += [unravel_key(("next", key)) for key in later]
         self._buffer: TensorDictReplayBuffer | None = None
         self._pieces = self._rows = 0
 
@@ -65,22 +65,28 @@ class SliceReplay:
         """Add a batch ``[E, T]``; all batches must have the same T.
 
         Raises:
-            ValueError: if T is another one than before, or shorter than a slice.
+            KeyError: if one of `in_keys` is missing.
+            ValueError: if the batch is not ``[E, T]``, or T is another one than before,
+                or shorter than a slice.
         """
+        if batch.ndim != 2:
+            got = list(batch.shape)
+            raise ValueError(f"batches must be [E, T], a row an env, got {got}")
+        read = {key: read_entry(batch, key) for key in self.in_keys}
         num, rows = batch.shape
         if self._buffer is None:
             self._start(num, rows)
         if rows != self._rows:
             raise ValueError(f"batches must be [E, {self._rows}], got {[num, rows]}")
         assert self._buffer is not None
-        later = batch["next"]
+        view, action, is_init, last, reward, done, terminated = read.values()
         entries = {
-            self.view: _close(batch[self.view], later[self.view][:, -1:]),
-            ACTION: _close(batch[ACTION]),
-            IS_INIT: _close(batch[IS_INIT]),
-            REWARD: _close(later[self.reward]),
-            DONE: _close(later[DONE]),
-            TERMINATED: _close(later[TERMINATED]),
+            self.view: _close(view, last[:, -1:]),
+            ACTION: _close(action),
+            IS_INIT: _close(is_init),
+            REWARD: _close(reward),
+            DONE: _close(done),
+            TERMINATED: _close(terminated),
         }
         numbers = self._pieces + torch.arange(num).unsqueeze(-1)
         entries[_PIECE] = numbers.expand(num, rows + 1)
@@ -88,8 +94,13 @@ class SliceReplay:
         self._buffer.extend(TensorDict(entries, [num, rows + 1]).reshape(-1))
 
     def sample(self, num: int) -> TensorDict:
-        """Slices ``[num, L]`` with what a loss of TorchRL reads, and its mask."""
-        assert self._buffer is not None, "there must be decisions before any is drawn"
+        """Slices ``[num, L]`` with what a loss of TorchRL reads, and its mask.
+
+        Raises:
+            ValueError: before the first `extend`.
+        """
+        if self._buffer is None:
+            raise ValueError("the replay must hold a batch to draw from, got none")
         drawn = self._buffer.sample(num * (self.length + 1))
         drawn = drawn.reshape(num, self.length + 1)
         now, later = drawn[:, :-1], drawn[:, 1:]

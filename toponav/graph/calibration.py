@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from toponav.graph.rules import MapRules
+from toponav.parts import require_parts
 
 #: Share of the observations that become waypoints of the map: the paper, Table 1, at
 #: k = 4, the mean over 30 random sequences.
@@ -69,9 +70,7 @@ class WalkWaypoints:
             rule = "a sequence must be embeddings [T, D] with T >= 1"
             raise ValueError(f"{rule}, got {tuple(embeddings.shape)}.")
         wanted = ("prepare_memory", "compare_prepared")
-        if missing := [name for name in wanted if not hasattr(network, name)]:
-            got = f"{type(network).__name__} without {', '.join(missing)}"
-            raise TypeError(f"network must be such as a TCNetwork, got {got}.")
+        require_parts(network, "network", "a TCNetwork", *wanted)
         prepared = network.prepare_memory(embeddings)
         later = torch.full((len(embeddings), len(embeddings)), -1.0)
         for begin in range(0, len(embeddings), _CHUNK):

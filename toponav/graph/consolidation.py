@@ -21,6 +21,7 @@ from toponav.graph.poses import (
 )
 from toponav.graph.topological_map import TopologicalMap
 from toponav.graph.trajectories import Trajectory
+from toponav.parts import require_parts
 
 #: Pairs of a view and a waypoint that are compared in one call.
 _PAIRS = 4096
@@ -68,6 +69,8 @@ def consolidate(
         above: similarity that it must have to it as well.
         move_rules: which moves become edges, `MoveRules`'s own by default.
     """
+    wanted = "waypoints", "walks", "rebuild"
+    require_parts(topological_map, "topological_map", "a TopologicalMap", *wanted)
     waypoints, walks = topological_map.waypoints, _known(topological_map)
     unchanged = Consolidation(torch.arange(len(waypoints)))
     if len(walks) == 0 or not len(waypoints):

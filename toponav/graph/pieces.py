@@ -8,6 +8,7 @@ from tensordict import NestedKey, TensorDictBase, unravel_key
 from torch import Tensor
 
 from toponav import keys
+from toponav.actions import as_numbers
 from toponav.graph.waypoints import Embed, check_finite
 
 
@@ -122,13 +123,8 @@ def _actions(data: TensorDictBase, names: MapKeys, turns: Tensor | None) -> Tens
     action = data.get(names.action, None)
     if action is None:
         raise _missing(f"{names.action!r}", data)
-    if action.ndim > data.ndim:  # one-hot, or a column
-        one_hot = action.shape[-1] > 1 and (
-            turns is None or action.shape[-1] == len(turns)
-        )
-        action = action.long().argmax(-1) if one_hot else action.squeeze(-1)
-    found: Tensor = action.cpu()
-    return found
+    number = None if turns is None else len(turns)
+    return as_numbers(action, data.shape, number).cpu()
 
 
 def _missing(wanted: str, data: TensorDictBase) -> ValueError:

@@ -15,6 +15,7 @@ from toponav.graph.trajectories import Trajectories
 from toponav.graph.views import Views
 from toponav.graph.waypoint_graph import WaypointGraph
 from toponav.graph.waypoints import Compare, Embed, Waypoints
+from toponav.parts import require_callables, require_parts
 from toponav.views import (
     ChannelOrder,
     as_given,
@@ -91,6 +92,12 @@ class TopologicalMap:
         walks: Trajectories | None = None,
         channels: ChannelOrder = "HWC",
     ) -> None:
+        require_callables(embed=embed, compare=compare, prepare=prepare)
+        require_parts(rules, "rules", "MapRules", "tc_threshold", "tc_reach", "window")
+        if views is not None:
+            require_parts(views, "views", "a ViewFile", "append", "read", "keep")
+        if walks is not None:
+            require_parts(walks, "walks", "Trajectories", "extend", "end", "all")
         self.embed = embed
         self.compare = compare
         self.keys = MapKeys()

@@ -4,7 +4,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from toponav.keys import ENV_ID, HEADING, POSITION
+from toponav.keys import ENV_ID, HEADING, POSITION, read_entry
 
 #: Observations of earlier batches that may still become waypoints: those for which a
 #: map waits (``map.surroundings``), and, where it knows headings, those of an episode
@@ -33,8 +33,9 @@ class WaypointPoses:
 
     def remember(self, data: TensorDictBase) -> None:
         """Keep the poses of the batch ``[E, T]`` that the map is fed."""
-        poses = torch.cat([data.get(POSITION), data.get(HEADING)], -1).float().cpu()
-        envs = data.get(ENV_ID)[:, 0].flatten().tolist()
+        pose = [read_entry(data, key) for key in (POSITION, HEADING)]
+        poses = torch.cat(pose, -1).float().cpu()
+        envs = read_entry(data, ENV_ID)[:, 0].flatten().tolist()
         for env, new in zip(envs, poses, strict=True):
             begin, old = self.last.get(env, (0, torch.empty(0, 3)))
             begin += max(len(old) - _BACK, 0)

@@ -3,6 +3,7 @@
 from hydra.core.config_store import ConfigStore
 
 from toponav import config
+from toponav.methods.explored import read_explored as read_explored
 from toponav.methods.learners import (
     LEARNERS as LEARNERS,
     ActorCriticLearner as ActorCriticLearner,

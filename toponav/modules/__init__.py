@@ -4,6 +4,7 @@ from toponav.modules.actor_critic import (
     NEXT_HIDDEN as NEXT_HIDDEN,
     ActorCritic as ActorCritic,
     EpisodicLSTM as EpisodicLSTM,
+    StatePrimer as StatePrimer,
 )
 from toponav.modules.bayesian_network import BayesianNetwork as BayesianNetwork
 from toponav.modules.encoders import (

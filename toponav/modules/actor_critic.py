@@ -76,12 +76,16 @@ def _restart(state: State, is_init: Tensor) -> State:
     return state[0].masked_fill(rows, 0), state[1].masked_fill(rows, 0)
 
 
-class RecurrentStatePrimer(TensorDictPrimer):
-    """Start an `ActorCritic`'s state at zero, in an env of the same actions only."""
+class StatePrimer(TensorDictPrimer):
+    """Start a policy's state at zero, in an env of the same actions only.
 
-    def __init__(self, hidden_dim: int, *, num_actions: int, one_hot: bool) -> None:
-        state = Unbounded((hidden_dim,))
-        states = {keys.HIDDEN: state, keys.MEMORY_CELL: state.clone()}
+    Args:
+        states: spec of each entry of the state, without the batch of the env.
+        num_actions: number A of the policy's actions.
+        one_hot: whether it writes them as ``[*B, A]``.
+    """
+
+    def __init__(self, states: Composite, *, num_actions: int, one_hot: bool) -> None:
         super().__init__(states, expand_specs=True)
         self.num_actions = num_actions
         self.one_hot = one_hot
@@ -94,9 +98,12 @@ class RecurrentStatePrimer(TensorDictPrimer):
         spec = specs[keys.ACTION]
         wanted = getattr(spec.space, "n", None), isinstance(spec, OneHot)
         if (self.num_actions, self.one_hot) != wanted:
+            # TorchRL's GymEnv takes numbers only if it is told so.
+            hint = " (or categorical_action_encoding=True of the env)"
             raise ValueError(
                 f"num_actions and one_hot must be {wanted} for the env's actions, "
-                f"{type(spec).__name__}, got {(self.num_actions, self.one_hot)}."
+                f"{type(spec).__name__}{hint if wanted[1] else ''}, got "
+                f"{(self.num_actions, self.one_hot)}."
             )
         return super().transform_observation_spec(observation_spec)
 
@@ -190,9 +197,12 @@ class ActorCritic(TensorDictModuleBase):
         """
         return EpisodicLSTM(self.code_dim + self.num_actions + 2, self.hidden_dim)
 
-    def make_tensordict_primer(self) -> RecurrentStatePrimer:
-        return RecurrentStatePrimer(
-            self.lstm.state_dim, num_actions=self.num_actions, one_hot=self.one_hot
+    def make_tensordict_primer(self) -> StatePrimer:
+        state = Unbounded((self.lstm.state_dim,))
+        return StatePrimer(
+            Composite({keys.HIDDEN: state, keys.MEMORY_CELL: state.clone()}),
+            num_actions=self.num_actions,
+            one_hot=self.one_hot,
         )
 
     def initial_state(self, *batch_size: int) -> TensorDict:

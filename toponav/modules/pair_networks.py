@@ -8,6 +8,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 from torchrl.modules import MLP
 
+from toponav.parts import require_callables, require_parts
+
 
 class Comparator(Protocol):
     """What `TCNetwork` asks of a comparator of embeddings of length D."""
@@ -125,11 +127,9 @@ class TCNetwork(nn.Module):
 
     def __init__(self, encoder: nn.Module, comparator: Comparator) -> None:
         super().__init__()
+        require_callables(encoder=encoder)
         wanted = ("prepare", "compare")
-        missing = [name for name in wanted if not hasattr(comparator, name)]
-        if missing:
-            got = f"{type(comparator).__name__} without {', '.join(missing)}"
-            raise TypeError(f"comparator must be such as ConcatComparator, got {got}.")
+        require_parts(comparator, "comparator", "a ConcatComparator", *wanted)
         self.encoder = encoder
         self.comparator = comparator
 
@@ -195,6 +195,7 @@ class LNetwork(nn.Module):
 
     def __init__(self, encoder: nn.Module, head: LocomotionHead) -> None:
         super().__init__()
+        require_callables(encoder=encoder, head=head)
         self.encoder = encoder
         self.head = head
 

@@ -23,6 +23,7 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_critic,
     require_one_action,
     require_recurrent,
     require_slices,
@@ -108,6 +109,7 @@ class A3CLoss(GAEMixin, LossModule):
         self.register_coeff_buffer("critic_coeff", critic_coeff)
         if critic_network is not None:
             self.set_keys(action=require_one_action(network))
+            require_critic(critic_network)
 
     @property
     def in_keys(self) -> list[NestedKey]:

@@ -13,6 +13,8 @@ from torchrl.modules import MaskedCategorical
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.value import GAE
 
+from toponav.parts import require_parts
+
 #: The estimators are one recursion: TD(lambda)'s return is GAE's value target.
 _LMBDAS = {
     ValueEstimators.TD0: 0.0,
@@ -44,12 +46,12 @@ class RecurrentActorCritic(Protocol):
 
 def require_recurrent(network: object, name: str, *parts: str) -> None:
     """TypeError unless a network has these parts of a `RecurrentActorCritic`."""
-    missing = [part for part in parts if not hasattr(network, part)]
-    if missing:
-        raise TypeError(
-            f"{name} must be a recurrent actor-critic such as ActorCritic, got "
-            f"{type(network).__name__} without {', '.join(missing)}."
-        )
+    require_parts(network, name, "ActorCritic, a recurrent actor-critic", *parts)
+
+
+def require_critic(network: object) -> None:
+    """TypeError unless a critic of its own says which keys it reads."""
+    require_parts(network, "critic_network", "a ValueOperator", "in_keys", "out_keys")
 
 
 def require_one_action(network: object) -> NestedKey:

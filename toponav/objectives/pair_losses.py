@@ -10,7 +10,16 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 from torchrl.objectives import LossModule
 
-from toponav.keys import ACTION, ANCHOR, LABEL, LOGIT, LOGITS, OTHER, WEIGHT
+from toponav.keys import (
+    ACTION,
+    ANCHOR,
+    LABEL,
+    LOGIT,
+    LOGITS,
+    OTHER,
+    WEIGHT,
+    select_entries,
+)
 from toponav.objectives.actor_critic_loss import action_numbers, read_entry
 
 
@@ -40,8 +49,10 @@ class PairLoss(LossModule):
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         keys = self.tensor_keys
-        # A shallow copy, so that the caller's batch gets no prediction.
-        results, given = self.network(tensordict.copy()), tensordict.detach()
+        # A tensordict of its own, so that the caller's batch gets no prediction.
+        read = cast(list[NestedKey], self.network.in_keys)
+        inputs = select_entries(tensordict, read)
+        results, given = self.network(inputs), tensordict.detach()
         predicted, wanted = (
             read_entry(data, getattr(keys, name), name)
             for data, name in ((results, self._predicted), (given, self._wanted))

@@ -25,6 +25,7 @@ from toponav.objectives.actor_critic_loss import (
     action_numbers,
     bootstrapped_advantage,
     read_entry,
+    require_critic,
     require_one_action,
     require_recurrent,
     require_slices,
@@ -113,6 +114,7 @@ class TRPOLoss(GAEMixin, LossModule):
                 distribution_kwargs={"validate_args": False},
             )
         require_one_action(network)
+        require_critic(critic_network)
         self.actor_network = network
         self.critic_network = critic_network
         self.register_coeff_buffer("entropy_coeff", entropy_coeff)

@@ -16,7 +16,15 @@ from toponav.ground_truth import (
     cell_centres,
     wrap_degrees,
 )
-from toponav.keys import ACTION, BLOCKED, CELL, GOAL_CELL, HEADING, POSITION
+from toponav.keys import (
+    ACTION,
+    BLOCKED,
+    CELL,
+    GOAL_CELL,
+    HEADING,
+    POSITION,
+    select_entries,
+)
 from toponav.worlds import WorldSpec
 
 #: Cells of a path that steering looks at; it aims 1.25 cells ahead.
@@ -146,7 +154,7 @@ class _Expert(TensorDictModuleBase):
         )
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        data = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        data = select_entries(tensordict, self.in_keys).reshape(-1).cpu()
         blocked = data.get(BLOCKED, torch.zeros(len(data), 0, dtype=torch.bool))
         table = self.routes.tables(blocked)
         path, has_path = self._plan(data, table, self.routes.number(data[CELL]))

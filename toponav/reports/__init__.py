@@ -52,6 +52,7 @@ from toponav.reports.navigation_tables import (
     navigate_table as navigate_table,
     navigation_curves as navigation_curves,
 )
+from toponav.reports.picture_walks import write_picture_walks as write_picture_walks
 from toponav.reports.pooled_rows import (
     best_sentences as best_sentences,
 )

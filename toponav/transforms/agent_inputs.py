@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.data import Bounded, Categorical, Composite, Unbounded
 
 from toponav import keys
+from toponav.actions import as_numbers
 from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
@@ -46,10 +47,8 @@ class PreviousAction(KeyedTransform):
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
         action = read_entry(tensordict, self.in_keys[0])
-        batch = tensordict.batch_size
-        if action.shape == (*batch, self.num_actions):
-            action = action.to(torch.uint8).argmax(-1)
-        return next_tensordict.set(self.out_keys[0], action.reshape(*batch, 1).long())
+        numbers = as_numbers(action, tensordict.batch_size, self.num_actions)
+        return next_tensordict.set(self.out_keys[0], numbers.unsqueeze(-1))
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

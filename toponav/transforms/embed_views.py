@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
+from toponav.parts import require_callables
 from toponav.transforms.specs import Keys, ViewTransform
 from toponav.views import ChannelOrder, check_views
 
@@ -47,6 +48,7 @@ class EmbedViews(ViewTransform):
     ) -> None:
         in_keys, out_keys = in_keys or [NETWORK_PIXELS], out_keys or [EMBEDDING]
         super().__init__(in_keys, out_keys, channels=channels)
+        require_callables(embed=embed)
         # Inside a partial, a network is not registered as a part of this module.
         self._embed = partial(embed)
 
@@ -67,6 +69,7 @@ class ViewSimilarity:
     def __init__(
         self, embed: Embed, compare: Compare, prepare: Embed | None = None
     ) -> None:
+        require_callables(embed=embed, compare=compare, prepare=prepare)
         self._embed = embed
         self._compare = compare
         self._prepare = prepare

@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 
 from toponav.keys import PIXELS
+from toponav.parts import needs_env
 from toponav.transforms.specs import (
     Keys,
     ResizableBuffers,
@@ -132,6 +133,9 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
     ) -> TensorDictBase:
         require_reset(self.corner.shape, next_tensordict.batch_size)
         return self._call(next_tensordict)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        raise needs_env(self)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         noises: dict[int, Tensor] = {}

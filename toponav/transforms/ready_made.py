@@ -11,6 +11,7 @@ from torchrl.envs import InitTracker
 from torchrl.envs.transforms import Transform
 
 from toponav import keys
+from toponav.parts import require_parts
 from toponav.transforms.agent_inputs import PreviousAction, PreviousReward
 from toponav.transforms.novelty_rewards import (
     CountReward,
@@ -67,9 +68,7 @@ def make_novelty_reward(
     if not 0 <= alpha <= 1:
         raise ValueError(f"alpha must be in [0, 1], got {alpha}")
     wanted = ("embed", "prepare_memory", "compare_prepared")
-    if missing := [name for name in wanted if not hasattr(network, name)]:
-        got = f"{type(network).__name__} without {', '.join(missing)}"
-        raise TypeError(f"network must be such as a TCNetwork, got {got}")
+    require_parts(network, "network", "a TCNetwork", *wanted)
     seen = WaypointMemory(
         network.embed,
         network.compare_prepared,
@@ -100,9 +99,7 @@ def make_policy_inputs(
         ['InitTracker', 'PreviousAction', 'PreviousReward']
     """
     wanted = ("num_actions", "make_tensordict_primer")
-    if missing := [name for name in wanted if not hasattr(policy, name)]:
-        got = f"{type(policy).__name__} without {', '.join(missing)}"
-        raise TypeError(f"policy must be such as an ActorCritic, got {got}")
+    require_parts(policy, "policy", "an ActorCritic", *wanted)
     return [
         InitTracker(),
         PreviousAction(policy.num_actions),

@@ -5,12 +5,14 @@ from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import dispatch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs.transforms import Transform
 
 from toponav.keys import WRITERS, read_entry
+from toponav.parts import needs_env
 from toponav.views import ChannelOrder, check_order, check_views
 
 #: Keys as callers give them: ``None`` for the defaults.
@@ -31,6 +33,9 @@ class KeyedTransform(Transform):
                 f"in_keys must be {num_in} and out_keys {num_out}, "
                 f"got {self.in_keys} and {self.out_keys}"
             )
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        raise needs_env(self)
 
 
 class ViewTransform(Transform):
@@ -54,6 +59,16 @@ class ViewTransform(Transform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):
+            made = self._apply_transform(read_entry(next_tensordict, in_key))
+            next_tensordict.set(out_key, made)
+        return next_tensordict
+
+    @dispatch(source="in_keys", dest="out_keys")  # type: ignore[untyped-decorator]
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return self._call(tensordict)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         for in_key, out_key in zip(self.in_keys, self.out_keys, strict=True):

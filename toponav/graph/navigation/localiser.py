@@ -11,6 +11,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare
+from toponav.parts import require_parts
 
 # Comparisons of one call at most, so that a large map needs little memory.
 _AT_ONCE = 1 << 16
@@ -49,6 +50,8 @@ class Localiser:
     def __init__(
         self, map: Map, compare: Compare, rules: NavigatorRules, num_agents: int = 0
     ) -> None:
+        wanted = "num_waypoints", "embeddings", "prepared", "edges", "edge_cost"
+        require_parts(map, "map", "a TopologicalMap", *wanted, "version")
         if not map.num_waypoints:
             raise ValueError("the map must have a waypoint to be at, got an empty map")
         self.map = map

@@ -17,6 +17,7 @@ from toponav.graph.navigation.progress import EdgeProgress, Progress
 from toponav.graph.navigation.sampler import ActionSampler
 from toponav.graph.rules import MapRules, NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
+from toponav.parts import require_callables, require_parts
 
 #: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
 Locomotion = Callable[[Tensor, Tensor], Tensor]
@@ -72,8 +73,9 @@ class Navigator(TensorDictModuleBase):
         rules: its choices.
         goal_reward: as in `TopologicalMap`; with ``None`` no reward is read.
         in_keys: of the view, uint8 ``[*B, H, W, C]``, of V goal views, uint8
-            ``[*B, V, H, W, C]``, of the flag of a first decision, bool ``[*B, 1]``,
-            and, with a ``goal_reward``, of the reward before (`PreviousReward`).
+            ``[*B, V, H, W, C]``, both in the order that ``embed`` reads, of the flag of
+            a first decision, bool ``[*B, 1]``, and, with a ``goal_reward``, of the
+            reward before (`PreviousReward`).
         place_key: of the waypoint where each agent is, int64 ``[*B, 1]``, -1 where it
             is not known: for a diagnosis that tells agents their place. By default they
             find it by their views.
@@ -107,6 +109,8 @@ class Navigator(TensorDictModuleBase):
         self.place_key = place_key
         if place_key is not None:
             self.in_keys.append(place_key)
+        require_callables(embed=embed, compare=compare, locomotion=locomotion)
+        require_parts(rules, "rules", "NavigatorRules", "tc_reach", "hops", "lookahead")
         self.map = map
         self.embed = embed
         self.compare = compare
@@ -132,6 +136,7 @@ class Navigator(TensorDictModuleBase):
 
         ``options`` are other arguments of the class.
         """
+        require_parts(map, "map", "a TopologicalMap", "embed", "compare", "rules")
         rules = rules or NavigatorRules(tc_reach=map.rules.tc_reach)
         return cls(map, map.embed, map.compare, locomotion, rules, **options)
 
@@ -155,13 +160,7 @@ class Navigator(TensorDictModuleBase):
 
     @torch.no_grad()
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        found = list(tensordict.keys(True, True))
-        for key in self.in_keys:
-            if key not in found:
-                writers = "GoalViews, PreviousReward and TorchRL's InitTracker"
-                rule = f"the tensordict must have {key!r} ({writers} write goal views"
-                raise KeyError(f"{rule}, reward and first decisions), got {found}")
-        data = tensordict.select(*self.in_keys).reshape(-1)
+        data = keys.select_entries(tensordict, self.in_keys).reshape(-1)
         views, goal_views, is_init = (data[key] for key in self.in_keys[:3])
         embedding = self.embed(views).float()
         begins = is_init.reshape(-1).cpu()

@@ -15,6 +15,7 @@ from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
 from toponav.graph.poses import decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
+from toponav.parts import require_parts
 
 #: Decisions around the most likely waypoint of a goal view that say where it is, steps
 #: up to which goal views agree, and from there to waypoints that stand for the goal.
@@ -104,6 +105,9 @@ class PoseNavigator(Navigator):
             one_hot=one_hot,
             seed=seed,
         )
+        parts = "poses", "track", "effects", "places"
+        require_parts(known, "known", "a PoseMap", *parts)
+        require_parts(belief, "belief", "BeliefRules", "spread", "floor", "lost")
         if len(known.poses) != map.num_waypoints or known.poses.isnan().any():
             number = int(known.poses.isfinite().all(1).sum())
             rule = f"all {map.num_waypoints} waypoints of the map must have poses"

@@ -12,13 +12,21 @@ from torchrl.envs.transforms import TensorDictPrimer
 
 from toponav.config import ExploreConfig, at_least
 from toponav.data import MASK
-from toponav.keys import ACTION, ACTION_VALUE, FRAMES, IS_INIT, POLICY_PIXELS
+from toponav.keys import (
+    ACTION,
+    ACTION_VALUE,
+    FRAMES,
+    IS_INIT,
+    POLICY_PIXELS,
+    read_entry,
+)
 from toponav.methods.learners.q_learner import (
     QConfig,
     QConvolutions,
     QLearner,
     QPolicy,
 )
+from toponav.views import ChannelOrder, check_views
 
 
 @dataclass
@@ -47,6 +55,7 @@ class StackedQNetwork(TensorDictModuleBase):
         size: height and width of the views in pixels.
         frames: number K of views.
         hidden: width of the layer after the convolutions.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, 3, H, W]``.
 
     Examples:
         >>> network = StackedQNetwork(6, size=36, frames=4, hidden=16)
@@ -59,16 +68,29 @@ class StackedQNetwork(TensorDictModuleBase):
     in_keys = [POLICY_PIXELS, FRAMES]
     out_keys = [ACTION_VALUE, ("next", *FRAMES)]
 
-    def __init__(self, num_actions: int, *, size: int, frames: int, hidden: int):
+    def __init__(
+        self,
+        num_actions: int,
+        *,
+        size: int,
+        frames: int,
+        hidden: int,
+        channels: ChannelOrder = "HWC",
+    ) -> None:
         super().__init__()
-        self.convolutions = QConvolutions(3 * frames, size=size)
+        self.convolutions = QConvolutions(3 * frames, size=size, channels=channels)
+        # Where the channels are.
+        self.dim = -1 if channels == "HWC" else -3
         head = nn.Linear(self.convolutions.code_dim, hidden)
         self.head = nn.Sequential(head, nn.ReLU(), nn.Linear(hidden, num_actions))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        stack = torch.cat([tensordict[FRAMES], tensordict[POLICY_PIXELS]], -1)
+        seen = [read_entry(tensordict, key) for key in (FRAMES, POLICY_PIXELS)]
+        check_views(repr(POLICY_PIXELS), seen[1].shape, self.convolutions.channels)
+        stack = torch.cat(seen, self.dim)
         tensordict.set(ACTION_VALUE, self.head(self.convolutions(stack)))
-        return tensordict.set(("next", *FRAMES), stack[..., 3:])
+        newest = stack.narrow(self.dim, 3, stack.shape[self.dim] - 3)
+        return tensordict.set(("next", *FRAMES), newest)
 
 
 class DQNLearner(QLearner):

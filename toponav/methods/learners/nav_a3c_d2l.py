@@ -16,7 +16,7 @@ from torchrl.envs.transforms import Transform
 
 from toponav.builders import World
 from toponav.config import ExploreConfig, above, at_least, require
-from toponav.keys import DEPTH, LOOP_CLOSED
+from toponav.keys import DEPTH, LOOP_CLOSED, read_entry
 from toponav.methods.learners.nav_a3c import NavA3CConfig, NavA3CLearner
 from toponav.modules import NEXT_HIDDEN, NavActorCritic
 from toponav.objectives import A3CLoss
@@ -137,8 +137,8 @@ class NavA3CD2LLoss(A3CLoss):
         unrolled = self.actor_network.unroll(tensordict)
         found = self._losses(tensordict, *self._evaluate_unrolled(tensordict, unrolled))
         depth, loop = self.heads(unrolled[NEXT_HIDDEN])
-        classes = depth_classes(tensordict[DEPTH], cell_size=self.cell_size)
-        closed = tensordict[LOOP_CLOSED]
+        classes = depth_classes(read_entry(tensordict, DEPTH), cell_size=self.cell_size)
+        closed = read_entry(tensordict, LOOP_CLOSED)
         logits = depth.flatten(0, -2)
         wrong = F.cross_entropy(logits, classes.flatten(), reduction="none")
         missed = F.binary_cross_entropy_with_logits(

@@ -12,7 +12,6 @@ from tensordict.nn import TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 from torchrl.data import Categorical
-from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.modules import ConvNet, EGreedyModule, QValueModule
 from torchrl.objectives import DQNLoss, HardUpdate
 
@@ -28,6 +27,8 @@ from toponav.config import (
 )
 from toponav.data import SliceReplay
 from toponav.methods.learners.actor_critic import linear_decay
+from toponav.modules import StatePrimer
+from toponav.views import ChannelOrder, channels_last, check_order
 
 # Channels, widths and strides of the convolutions.
 _CHANNELS, _WIDTHS, _STRIDES = (32, 64, 64), (8, 4, 3), (4, 2, 1)
@@ -74,16 +75,26 @@ class QConvolutions(nn.Module):
     Reference:
         Mnih et al., "Human-level control through deep reinforcement learning" (2015).
 
+    Args:
+        planes: number C of channels.
+        size: height and width of the views in pixels.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, C, H, W]``.
+
     Examples:
         >>> convolutions = QConvolutions(12, size=84)
         >>> convolutions(torch.zeros(5, 84, 84, 12, dtype=torch.uint8)).shape
         torch.Size([5, 3136])
     """
 
-    def __init__(self, channels: int, *, size: int) -> None:
+    def __init__(
+        self, planes: int, *, size: int, channels: ChannelOrder = "HWC"
+    ) -> None:
         super().__init__()
+        self.channels = check_order(channels)
+        square = (size, size)
+        self.shape = (*square, planes) if channels == "HWC" else (planes, *square)
         self.net = ConvNet(
-            in_features=channels,
+            in_features=planes,
             num_cells=list(_CHANNELS),
             kernel_sizes=list(_WIDTHS),
             strides=list(_STRIDES),
@@ -94,7 +105,12 @@ class QConvolutions(nn.Module):
         self.code_dim = _CHANNELS[-1] * size**2
 
     def forward(self, views: Tensor) -> Tensor:
-        code: Tensor = self.net(views.movedim(-1, -3).float() / 255)
+        if tuple(views.shape[-3:]) != self.shape:
+            rule = f"views must end in the shape {list(self.shape)}"
+            given = f"channels={self.channels!r}, got {list(views.shape)}"
+            raise ValueError(f"{rule} with {given}.")
+        planes = channels_last(views, self.channels).movedim(-1, -3)
+        code: Tensor = self.net(planes.float() / 255)
         return code
 
 
@@ -113,7 +129,7 @@ class QPolicy(TensorDictSequential):
         value = QValueModule(action_space="categorical")
         explore = EGreedyModule(Categorical(num_actions))
         super().__init__(TensorDictSequential(network, value), explore)
-        self._primer = primer
+        self._primer, self.num_actions = primer, num_actions
 
     @property
     def value_network(self) -> TensorDictModuleBase:
@@ -126,8 +142,10 @@ class QPolicy(TensorDictSequential):
         eps: Tensor = self.module[1].eps
         return eps
 
-    def make_tensordict_primer(self) -> TensorDictPrimer:
-        return self._primer()
+    def make_tensordict_primer(self) -> StatePrimer:
+        """Starts the state at zero, in an env whose actions are numbers, too."""
+        states = self._primer().primers
+        return StatePrimer(states, num_actions=self.num_actions, one_hot=False)
 
 
 class QLearner(Learner):

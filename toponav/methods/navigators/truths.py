@@ -20,6 +20,7 @@ from toponav.keys import (
     POSITION,
     TARGET,
     TRUE_PLACE,
+    select_entries,
 )
 from toponav.worlds import WorldSpec
 
@@ -53,7 +54,7 @@ class TruePlace(TensorDictModuleBase):
         self._cells = truth.distances.cell_numbers(truth.poses[:, :2])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        data = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        data = select_entries(tensordict, self.in_keys).reshape(-1).cpu()
         position, poses = data[POSITION], self.truth.poses
         distances = self.truth.distances
         away = torch.cdist(position, poses[:, :2])
@@ -95,7 +96,7 @@ class TrueSteering(TensorDictModuleBase):
         self._cells = truth.distances.cell_numbers(truth.poses[:, :2])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        data = tensordict.select(*self.in_keys).reshape(-1).cpu()
+        data = select_entries(tensordict, self.in_keys).reshape(-1).cpu()
         action = data[ACTION]
         knows = data[PLACE].squeeze(1) >= 0
         steered = self._steer(data[knows]) if knows.any() else action[:0]

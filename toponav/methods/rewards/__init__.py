@@ -4,11 +4,11 @@ from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig
 from toponav.methods.rewards.coverage import CoverageMethod
 from toponav.methods.rewards.ex2 import (
-    AmortisedExemplars as AmortisedExemplars,
     EX2Method,
     ExemplarReward as ExemplarReward,
     ExemplarTrainer as ExemplarTrainer,
 )
+from toponav.methods.rewards.exemplars import AmortisedExemplars as AmortisedExemplars
 from toponav.methods.rewards.extrinsic import ExtrinsicMethod
 from toponav.methods.rewards.icm import (
     ICMMethod,

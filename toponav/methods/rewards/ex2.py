@@ -6,140 +6,22 @@ from dataclasses import dataclass
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torch.nn import functional as F  # noqa: N812
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs.transforms import Transform
-from torchrl.modules import MLP
 
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
-from toponav.keys import INTRINSIC_REWARD, SMALL_PIXELS
+from toponav.keys import INTRINSIC_REWARD, SMALL_PIXELS, read_entry
 from toponav.methods.rewards.bonus_reward import BonusReward
+from toponav.methods.rewards.exemplars import AmortisedExemplars
+from toponav.parts import require_callables
 from toponav.transforms import PolicyPixels
 
 #: Where the networks are published.
 _EX2 = "ex2"
 _NEXT_VIEWS: NestedKey = ("next", SMALL_PIXELS)
-#: Bound on a logit: the authors' code keeps probabilities above 0.00001.
-_MOST_LOGIT = 11.5
-#: Channels, kernel and stride of both convolutions.
-_WIDTH, _KERNEL, _STRIDE = 16, 4, 2
-#: Observations whose median centres the bonus, and how many are judged at once.
-_JUDGED, _CHUNK = 2048, 512
-
-
-class CodeNetwork(nn.Module):
-    """A Gaussian code of an observation: its mean and the logarithm of its variance."""
-
-    def __init__(self, shape: tuple[int, ...], code_dim: int, hidden: int) -> None:
-        super().__init__()
-        self.is_view = len(shape) == 3
-        sizes = {"num_cells": [hidden], "activation_class": nn.Tanh}
-        layers: list[nn.Module] = [MLP(shape[0], hidden, **sizes), nn.Tanh()]
-        if self.is_view:
-            layers = []
-            for channels in (shape[-1], _WIDTH):
-                # Padded so that every pixel is seen as often.
-                layer = nn.Conv2d(channels, _WIDTH, _KERNEL, _STRIDE, _KERNEL - 1)
-                layers += [layer, nn.Tanh()]
-            layers.append(nn.Flatten())
-        self.encoder = nn.Sequential(*layers)
-        size = self.encode(torch.zeros(1, *shape)).shape[-1]
-        self.mean = MLP(size, code_dim, **sizes)
-        self.log_variance = MLP(size, code_dim, **sizes)
-
-    def encode(self, observation: Tensor) -> Tensor:
-        """``[N, *shape]`` to ``[N, F]``; uint8 ones are divided by 255."""
-        if observation.dtype == torch.uint8:
-            observation = observation.float() / 255
-        if self.is_view:
-            observation = observation.permute(0, 3, 1, 2)
-        features: Tensor = self.encoder(observation)
-        return features
-
-    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        code = self.encode(observation)
-        return self.mean(code), self.log_variance(code)
-
-
-class AmortisedExemplars(nn.Module):
-    """Tells whether an observation is a given one, the exemplar, or an earlier one.
-
-    One network serves all exemplars: it reads codes of the exemplar and of the
-    observation, from two networks of the same shape. Where the best one says that an
-    exemplar is itself with probability D, the density of earlier observations there is
-    ``(1 - D) / D``. Its output is ``-log`` of that, the logit of D, less the median of
-    the last batch.
-
-    Reference:
-        Fu et al., "EX2: Exploration with Exemplar Models for Deep Reinforcement
-        Learning" (2017), sections 4.1 and 5.1, and their code.
-
-    Args:
-        shape: of an observation, ``(D,)``, or of a view, ``(H, W, C)``.
-        code_dim: length of a code.
-        hidden: width of the hidden layers.
-
-    Examples:
-        >>> exemplars = AmortisedExemplars((32, 32, 3))
-        >>> exemplars(torch.zeros(2, 5, 32, 32, 3, dtype=torch.uint8)).shape
-        torch.Size([2, 5])
-    """
-
-    median: Tensor
-    fitted: Tensor
-
-    def __init__(
-        self, shape: tuple[int, ...], code_dim: int = 16, hidden: int = 32
-    ) -> None:
-        super().__init__()
-        self.shape = tuple(shape)
-        self.of_exemplar = CodeNetwork(self.shape, code_dim, hidden)
-        self.of_other = CodeNetwork(self.shape, code_dim, hidden)
-        self.classifier = MLP(2 * code_dim, 1, num_cells=[hidden])
-        self.register_buffer("median", torch.zeros(()))
-        self.register_buffer("fitted", torch.zeros((), dtype=torch.bool))
-
-    @torch.no_grad()
-    def forward(self, observation: Tensor) -> Tensor:
-        """Bonuses, ``[*B, *shape]`` to ``[*B]``; 0 until the first fit."""
-        batch = observation.shape[: -len(self.shape)]
-        if not self.fitted:
-            return torch.zeros(batch, device=observation.device)
-        flat = observation.reshape(-1, *self.shape)
-        logits = torch.cat([self.logit(piece) for piece in flat.split(_CHUNK)])
-        return (logits - self.median).reshape(batch)
-
-    def logit(self, observation: Tensor) -> Tensor:
-        """Of the probability that an observation is itself, ``[N]``, by mean codes."""
-        codes = self.of_exemplar(observation)[0], self.of_other(observation)[0]
-        logit: Tensor = self.classifier(torch.cat(codes, -1)).squeeze(-1)
-        return logit.clamp(-_MOST_LOGIT, _MOST_LOGIT)
-
-    def loss(
-        self, exemplar: Tensor, earlier: Tensor, kl_weight: float
-    ) -> tuple[Tensor, Tensor]:
-        """Loss of pairs ``[N, *shape]``, and the mean probability of true ones.
-
-        Each exemplar is paired with itself (true) and with an earlier observation. To
-        the cross-entropy comes the weighed KL of the codes from N(0, 1), in nats.
-        """
-        count = len(exemplar)
-        first, first_kl = _draw(*self.of_exemplar(exemplar))
-        second, second_kl = _draw(*self.of_other(torch.cat([exemplar, earlier])))
-        codes = torch.cat([first.repeat(2, 1), second], -1)
-        logits = self.classifier(codes).squeeze(-1)
-        label = (torch.arange(2 * count, device=logits.device) < count).float()
-        entropy = F.binary_cross_entropy_with_logits(logits, label)
-        loss = entropy + kl_weight * (first_kl + second_kl)
-        return loss, logits[:count].detach().sigmoid().mean()
-
-
-def _draw(mean: Tensor, log_variance: Tensor) -> tuple[Tensor, Tensor]:
-    """Codes, ``[N, C]``, and the mean KL of their Gaussians from N(0, 1)."""
-    code = mean + (0.5 * log_variance).exp() * torch.randn_like(mean)
-    kl = 0.5 * (mean.square() + log_variance.exp() - 1 - log_variance)
-    return code, kl.sum(-1).mean()
+#: Observations whose median centres the bonus.
+_JUDGED = 2048
 
 
 class ExemplarTrainer:
@@ -224,13 +106,14 @@ class ExemplarReward(BonusReward):
         key: NestedKey = SMALL_PIXELS,
     ) -> None:
         super().__init__(in_keys=[key], out_keys=[INTRINSIC_REWARD])
+        require_callables(exemplars=exemplars)
         self.exemplars = exemplars
         self.eta = eta
 
     def _step(
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
-        bonus = self.exemplars(next_tensordict.get(self.in_keys[0]))
+        bonus = self.exemplars(read_entry(next_tensordict, self.in_keys[0]))
         return next_tensordict.set(INTRINSIC_REWARD, self.eta * bonus.unsqueeze(-1))
 
 
@@ -294,4 +177,4 @@ class EX2Method(RewardMethod):
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Fit the networks to the views of this batch, against those before."""
-        return self.trainer.extend(batch.get(_NEXT_VIEWS).flatten(0, 1))
+        return self.trainer.extend(read_entry(batch, _NEXT_VIEWS).flatten(0, 1))

@@ -10,71 +10,22 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 from torch.nn.utils import clip_grad_norm_
-from torchrl.data import Composite, TensorSpec, Unbounded
 from torchrl.envs.transforms import Transform
 
+from toponav.actions import as_numbers
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
-from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD, PIXELS
+from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD, read_entry
 from toponav.methods.rewards.bonus_reward import BonusReward
-from toponav.methods.rewards.rnd import LUMA
-from toponav.transforms import PolicyPixels
+from toponav.methods.rewards.grey_stack import GreyStack
+from toponav.parts import require_callables
+from toponav.views import ChannelOrder, channels_last, check_order
 
 #: The name under which the networks are published.
 _ICM = "icm"
 _NEXT_STACK: NestedKey = ("next", FRAME_STACK)
 #: Convolutions of the encoder, channels of each, and width of the other layers.
 _CONVOLUTIONS, _WIDTH, _HIDDEN = 4, 32, 256
-
-
-class GreyStack(Transform):
-    """Writes the last views of an episode, small and grey; black before its first one.
-
-    They ride in the tensordict: the newest is last, and a step adds to those before.
-
-    Args:
-        size: height and width of the small views in pixels.
-        frames: number K of views.
-
-    Examples:
-        >>> start = TensorDict({"pixels": torch.full((1, 8, 8, 3), 200).byte()}, [1])
-        >>> stack = GreyStack((1, 1), frames=3)._reset(None, start)["frame_stack"]
-        >>> stack.flatten()
-        tensor([  0,   0, 200], dtype=torch.uint8)
-    """
-
-    def __init__(self, size: tuple[int, int], frames: int) -> None:
-        super().__init__(in_keys=[PIXELS], out_keys=[FRAME_STACK])
-        if frames < 1:
-            raise ValueError(f"frames must be at least 1, got {frames}.")
-        self.frames = frames
-        self.shrink = PolicyPixels(size)
-
-    def _step(
-        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
-    ) -> TensorDictBase:
-        return self._append(tensordict.get(FRAME_STACK), next_tensordict)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        # Rows that go on keep what they had: TorchRL merges this by the mask.
-        size, device = self.shrink.size, tensordict_reset.device
-        shape = (*tensordict_reset.batch_size, *size, self.frames)
-        black = torch.zeros(shape, dtype=torch.uint8, device=device)
-        return self._append(black, tensordict_reset)
-
-    def _append(self, earlier: Tensor, following: TensorDictBase) -> TensorDictBase:
-        small = self.shrink._apply_transform(following.get(PIXELS))
-        grey = small.float() @ torch.tensor(LUMA, device=small.device)
-        newest = grey.round().to(torch.uint8).unsqueeze(-1)
-        return following.set(FRAME_STACK, torch.cat([earlier[..., 1:], newest], -1))
-
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        view: TensorSpec = observation_spec[PIXELS]
-        shape = (*view.shape[:-3], *self.shrink.size, self.frames)
-        spec = Unbounded(shape, view.device, torch.uint8)
-        return observation_spec.set(FRAME_STACK, spec)
 
 
 class IntrinsicCuriosity(nn.Module):
@@ -92,6 +43,7 @@ class IntrinsicCuriosity(nn.Module):
         num_actions: number A of actions.
         size: height and width of the views in pixels.
         frames: number K of views in a stack.
+        channels: ``"HWC"``, or ``"CHW"`` for stacks ``[*B, K, H, W]``.
         forward_trains_features: whether the forward model's error reaches the features,
             as in the authors' code; if not, the inverse model alone trains them.
 
@@ -109,14 +61,17 @@ class IntrinsicCuriosity(nn.Module):
         *,
         size: tuple[int, int] = (42, 42),
         frames: int = 4,
+        channels: ChannelOrder = "HWC",
         forward_trains_features: bool = True,
     ) -> None:
         super().__init__()
         self.num_actions = num_actions
+        self.channels = check_order(channels)
+        self.stack_shape = (*size, frames) if channels == "HWC" else (frames, *size)
         self.forward_trains_features = forward_trains_features
         layers: list[nn.Module] = []
-        for channels, width in pairwise([frames] + [_WIDTH] * _CONVOLUTIONS):
-            convolution = nn.Conv2d(channels, width, 3, stride=2, padding=1)
+        for planes, width in pairwise([frames] + [_WIDTH] * _CONVOLUTIONS):
+            convolution = nn.Conv2d(planes, width, 3, stride=2, padding=1)
             nn.init.xavier_uniform_(convolution.weight)
             assert convolution.bias is not None
             nn.init.zeros_(convolution.bias)
@@ -129,7 +84,12 @@ class IntrinsicCuriosity(nn.Module):
 
     def features(self, stacks: Tensor) -> Tensor:
         """Stacks, uint8 ``[N, H, W, K]``, to features, ``[N, D]``."""
-        features: Tensor = self.encoder(stacks.permute(0, 3, 1, 2).float() / 255)
+        if tuple(stacks.shape[1:]) != self.stack_shape:
+            rule = f"stacks must be [N, {', '.join(map(str, self.stack_shape))}]"
+            given = f"channels={self.channels!r}, got {list(stacks.shape)}"
+            raise ValueError(f"{rule} with {given}.")
+        planes = channels_last(stacks, self.channels).permute(0, 3, 1, 2)
+        features: Tensor = self.encoder(planes.float() / 255)
         return features
 
     def forward(
@@ -139,20 +99,21 @@ class IntrinsicCuriosity(nn.Module):
 
         Args:
             before: stacks before each decision, ``[*B, H, W, K]``.
-            action: its number, ``[*B]``.
+            action: its number, ``[*B]``, or one-hot, ``[*B, A]``.
             after: stacks after it.
 
         Returns:
             Logits, ``[*B, A]``, and half the squared distance between the later
             features and their prediction, ``[*B]``.
         """
-        shape = action.shape
+        shape = before.shape[:-3]
+        action = as_numbers(action, shape, self.num_actions)
         stacks = torch.stack([before, after]).flatten(0, -4)
         earlier, later = self.features(stacks).chunk(2)
         logits: Tensor = self.inverse_model(torch.cat([earlier, later], -1))
         if not self.forward_trains_features:
             earlier, later = earlier.detach(), later.detach()
-        one_hot = F.one_hot(action.reshape(-1).long(), self.num_actions)
+        one_hot = F.one_hot(action.reshape(-1), self.num_actions)
         predicted = self.forward_model(torch.cat([earlier, one_hot], -1))
         error = 0.5 * (predicted - later).square().sum(-1)
         return logits.reshape(*shape, -1), error.reshape(shape)
@@ -180,6 +141,7 @@ class CuriosityReward(BonusReward):
 
     def __init__(self, icm: IntrinsicCuriosity, eta: float) -> None:
         super().__init__(in_keys=[FRAME_STACK, ACTION], out_keys=[INTRINSIC_REWARD])
+        require_callables(icm=icm)
         self.icm = icm
         self.eta = eta
 
@@ -187,8 +149,8 @@ class CuriosityReward(BonusReward):
     def _step(
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
-        before, action = tensordict.get(FRAME_STACK), tensordict.get(ACTION)
-        _, error = self.icm(before, action, next_tensordict.get(FRAME_STACK))
+        before, action = (read_entry(tensordict, key) for key in self.in_keys)
+        _, error = self.icm(before, action, read_entry(next_tensordict, FRAME_STACK))
         return next_tensordict.set(INTRINSIC_REWARD, self.eta * error.unsqueeze(-1))
 
 
@@ -255,7 +217,9 @@ class ICMMethod(RewardMethod):
             Means of both losses, and the share of actions that the inverse model names.
         """
         config = self.config
-        entries = [batch.get(key).flatten(0, 1) for key in self.in_keys]
+        before, action, after = (read_entry(batch, key) for key in self.in_keys)
+        action = as_numbers(action, batch.batch_size, self.icm.num_actions)
+        entries = [one.flatten(0, 1) for one in (before, action, after)]
         num_trained = max(round(config.update_fraction * batch.numel()), 1)
         rows = torch.randperm(batch.numel())[:num_trained]
         measured = [

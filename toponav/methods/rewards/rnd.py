@@ -13,9 +13,10 @@ from torchrl.objectives.rnd import RNDLoss
 
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
-from toponav.keys import INTRINSIC_REWARD, POLICY_PIXELS
+from toponav.keys import INTRINSIC_REWARD, POLICY_PIXELS, read_entry
 from toponav.modules import check_pixels, start_orthogonal
 from toponav.transforms import PolicyPixels
+from toponav.views import ChannelOrder, check_order
 
 #: The name under which the networks are published.
 _RND = "rnd"
@@ -33,14 +34,17 @@ class GreyFrames(nn.Module):
 
     luma: Tensor
 
-    def __init__(self, image_size: tuple[int, int]) -> None:
+    def __init__(
+        self, image_size: tuple[int, int], channels: ChannelOrder = "HWC"
+    ) -> None:
         super().__init__()
         self.image_size = image_size
+        self.channels = check_order(channels)
         self.statistics = RunningMeanStd(image_size)
         self.register_buffer("luma", torch.tensor(LUMA) / 255, persistent=False)
 
     def forward(self, pixels: Tensor) -> Tensor:
-        """``[*B, H, W, 3]``, uint8, to ``[N, 1, H, W]``."""
+        """``[*B, H, W, 3]``, uint8, or as ``channels`` says, to ``[N, 1, H, W]``."""
         frames: Tensor = self.statistics.normalize(self._to_grey(pixels))
         return frames.clamp_(-_CLIP, _CLIP).unsqueeze(1)
 
@@ -50,7 +54,7 @@ class GreyFrames(nn.Module):
             self.statistics.update(self._to_grey(views))
 
     def _to_grey(self, pixels: Tensor) -> Tensor:
-        check_pixels(pixels, self.image_size)
+        pixels = check_pixels(pixels, self.image_size, channels=self.channels)
         return pixels.reshape(-1, *pixels.shape[-3:]).float() @ self.luma
 
 
@@ -116,6 +120,7 @@ class RandomNetworkDistillation(nn.Module):
         image_size: height and width of the views in pixels, at least 36 each.
         width: channels of the first convolution.
         feature_dim: length of the features.
+        channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, 3, H, W]``.
 
     Examples:
         >>> rnd = RandomNetworkDistillation((84, 84), width=8, feature_dim=64)
@@ -127,10 +132,15 @@ class RandomNetworkDistillation(nn.Module):
     """
 
     def __init__(
-        self, image_size: tuple[int, int], *, width: int = 32, feature_dim: int = 512
+        self,
+        image_size: tuple[int, int],
+        *,
+        width: int = 32,
+        feature_dim: int = 512,
+        channels: ChannelOrder = "HWC",
     ) -> None:
         super().__init__()
-        frames = GreyFrames(image_size)
+        frames = GreyFrames(image_size, channels)
         target = FrameNetwork(image_size, width, feature_dim, num_hidden=0)
         predictor = FrameNetwork(image_size, width, feature_dim, num_hidden=2)
         self.target = ViewFeatures(frames, target).requires_grad_(False)
@@ -207,7 +217,7 @@ class RNDMethod(RewardMethod):
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Count the views of a batch, and train the predictor on a part of them."""
-        views = batch.get(_NEXT_VIEWS).flatten(0, 1)
+        views = read_entry(batch, _NEXT_VIEWS).flatten(0, 1)
         self.rnd.update(views)
         losses = []
         # TorchRL's own update_fraction computes every view, and then leaves some out.

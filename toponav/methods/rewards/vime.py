@@ -10,12 +10,14 @@ from torch.nn import functional as F  # noqa: N812
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs.transforms import Transform
 
+from toponav.actions import as_numbers
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least
-from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD
-from toponav.methods.rewards.bonus_reward import BonusReward
-from toponav.methods.rewards.icm import GreyStack
+from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD, read_entry
+from toponav.methods.rewards.bonus_reward import BonusReward, batch_of
+from toponav.methods.rewards.grey_stack import GreyStack
 from toponav.modules import BayesianNetwork
+from toponav.parts import require_callables
 
 #: The name under which the model is published.
 _VIME = "vime"
@@ -89,10 +91,11 @@ class BayesianDynamics(nn.Module):
     def forward(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
         """Relative information gain of decisions, ``[*B]``; 0 before the first batch.
 
-        Observations are ``[*B, *shape]``, numbers of actions ``[*B]``.
+        Observations are ``[*B, *shape]``, actions numbers ``[*B]`` or one-hot ``[*B,
+        A]``.
         """
         if self.medians.isnan().all():
-            return torch.zeros(action.shape, device=action.device)
+            return torch.zeros(batch_of(before, self.shape), device=action.device)
         return self.gain(before, action, after) / self.scale
 
     @property
@@ -107,7 +110,8 @@ class BayesianDynamics(nn.Module):
             self.network.information_gain(*piece, self.step_size)
             for piece in zip(inputs.split(_CHUNK), outcomes.split(_CHUNK), strict=True)
         ]
-        return torch.cat(gains).clamp(0, _MOST_GAIN).reshape(action.shape)
+        gain = torch.cat(gains).clamp(0, _MOST_GAIN)
+        return gain.reshape(batch_of(before, self.shape))
 
     def standardise(
         self, before: Tensor, action: Tensor, after: Tensor
@@ -116,7 +120,8 @@ class BayesianDynamics(nn.Module):
         now, later = (
             (self.flat(one) - self.mean) / self.deviation for one in (before, after)
         )
-        taken = F.one_hot(action.reshape(-1), self.num_actions)
+        numbers = as_numbers(action, batch_of(before, self.shape), self.num_actions)
+        taken = F.one_hot(numbers.reshape(-1), self.num_actions)
         return torch.cat([now, taken.to(now)], -1), later
 
     def flat(self, observation: Tensor) -> Tensor:
@@ -211,14 +216,15 @@ class InformationGainReward(BonusReward):
         self, dynamics: BayesianDynamics, eta: float, *, key: NestedKey = FRAME_STACK
     ) -> None:
         super().__init__(in_keys=[key, ACTION], out_keys=[INTRINSIC_REWARD])
+        require_callables(dynamics=dynamics)
         self.dynamics = dynamics
         self.eta = eta
 
     def _step(
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
-        observation, action = (tensordict.get(key) for key in self.in_keys)
-        following = next_tensordict.get(self.in_keys[0])
+        observation, action = (read_entry(tensordict, key) for key in self.in_keys)
+        following = read_entry(next_tensordict, self.in_keys[0])
         gain = self.dynamics(observation, action, following)
         return next_tensordict.set(INTRINSIC_REWARD, self.eta * gain.unsqueeze(-1))
 
@@ -292,5 +298,5 @@ class VIMEMethod(RewardMethod):
 
     def extend(self, batch: TensorDictBase) -> Mapping[str, float]:
         """Fit the model to the decisions of this batch and of those before."""
-        entries = [batch.get(key).flatten(0, 1) for key in self.in_keys]
+        entries = [read_entry(batch, key).flatten(0, 1) for key in self.in_keys]
         return self.trainer.extend(*entries)
