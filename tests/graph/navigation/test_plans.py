@@ -44,7 +44,7 @@ def test_one_edge_alone_is_closed() -> None:
     assert plans.close_edge(0, 0) == 3
     assert plans.cost(torch.tensor([0])).isinf()
     plans.open_up(torch.tensor([0]))
-    assert square[plans.closed[0]].tolist() == [[0, 3]]
+    assert square[plans.closed[0]].tolist() == [[0, 1]]
 
 
 def test_edges_that_are_closed_together_open_together(plans) -> None:
@@ -55,7 +55,7 @@ def test_edges_that_are_closed_together_open_together(plans) -> None:
     assert plans.num_cuts.tolist() == [1]
     # 2 and 3 are left on one side, all others on the other.
     assert plans.has_path.tolist() == [[False, False, True, True, False, False]]
-    assert plans.reopen_oldest(0)
+    assert plans.reopen_first(0)
     assert closed(plans) == []
 
 
@@ -79,5 +79,5 @@ def test_what_is_closed_at_last_opens_again(plans):
     assert closed(plans) == [[1, 2], [4, 5]]
     assert plans.cost(torch.tensor([0])).isinf()
     plans.open_up(torch.tensor([0]))
-    assert closed(plans) == [[4, 5]]
+    assert closed(plans) == [[1, 2]]
     assert plans.cost(torch.tensor([0])).item() == 3.0

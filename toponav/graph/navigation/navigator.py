@@ -53,7 +53,7 @@ class Navigator(TensorDictModuleBase):
        that would lead on from where it got, and the longer it is stuck, the more of
        the edges nearby that lead as near to the goal (`Plans`), and plans again. With
        ``block_on="edge"`` it is the edge that it did not get over (`EdgeProgress`), and
-       no other. If no path is left, the oldest cut opens again.
+       no other. If no path is left, a cut opens again (`Plans`).
 
     It writes the action, int64 ``[*B]`` or one-hot, and what it decided, as
     `toponav.keys` describes it, and reads no privileged key.

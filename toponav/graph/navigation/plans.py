@@ -119,8 +119,8 @@ class Plans:
     those beside it. They open again together after ``fade_after`` decisions, times
     ``fade_growth`` for each time that they had opened before and failed again: what
     fails again is more likely blocked than mistaken. When no path is left, those open
-    first that failed least often, of these the oldest. Places are int64 ``[N]``, -1 for
-    an agent without one.
+    first that failed least often, of these the newest, since there was a path until it
+    was made. Places are int64 ``[N]``, -1 for an agent without one.
 
     Reference:
         The paper, "Goal reaching process": "find the connections that traverse
@@ -260,10 +260,10 @@ class Plans:
         return ends
 
     def reopen_first(self, agent: int) -> bool:
-        """Open the cut that failed least often, of these the oldest; if any."""
+        """Open the cut that failed least often, of these the newest; if any."""
         cuts = self._cuts[agent]
         if cuts:
-            self._reopen(agent, min(cuts, key=lambda cut: cut.failed))
+            self._reopen(agent, min(reversed(cuts), key=lambda cut: cut.failed))
         return len(cuts) > 0
 
     def _reopen(self, agent: int, cut: Cut) -> None:
