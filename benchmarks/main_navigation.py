@@ -7,8 +7,9 @@ Goals are of an episode, with 95 % bootstrap intervals over episodes; ``cuts`` i
 mean number of times that edges were closed in one, ``success_<n>`` the share of the
 episodes that reached a goal within so many decisions, and ``detection_delay`` the
 median of the decisions from standing before a closed corridor to its closing.
-``--against`` prints, in pairs of the same maze, slots and seed, how many goals more the
-navigator reaches than in former rows.
+``pictures`` says where goal views come from, the map or a walk, and ``closes`` whether
+the navigator closes edges. ``--against`` prints, in pairs of the same maze, slots and
+seed, how many goals more the navigator reaches than in former rows.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from pose_maps import read_settings
 
 from toponav.config import read_yaml
 
-TOLD = ["maze", "seed", "closed"]
+TOLD = ["maze", "seed", "closed", "pictures", "closes"]
 SHOWN = ["goals", "goals_low", "goals_high", "cuts", "success_1250", "success_5000"]
 SHOWN += ["detection_delay"]
 
@@ -31,6 +32,9 @@ def read_tour(folder: Path) -> pd.DataFrame:
     table = pd.read_csv(folder / "summary.csv").rename(columns={"replans": "cuts"})
     table["maze"], table["seed"] = explored.maze.name, explored.seed
     table["closed"] = "".join(given["maze"]["blocked"]) or "nothing"
+    table["pictures"] = given["goals"]["source"]
+    closes = given["navigator"].get("block_after") is not None
+    table["closes"] = "yes" if closes else "no"
     table["decisions"] = given["maze"]["episode_length"]
     table[SHOWN] = table[SHOWN].round(1)
     return table[[*TOLD, "policy", "episodes", "decisions", *SHOWN]]
@@ -44,7 +48,7 @@ def compare(rows: pd.DataFrame, former: pd.DataFrame) -> pd.DataFrame:
     )
     both = pd.DataFrame({"now": now, "before": before}).dropna()
     both["more"] = both["now"] - both["before"]
-    found: pd.DataFrame = both.groupby(["maze", "closed"]).mean().round(1)
+    found: pd.DataFrame = both.groupby(["maze", *TOLD[2:]]).mean().round(1)
     return found
 
 
