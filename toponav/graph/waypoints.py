@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from toponav.graph.growing_rows import GrowingRows
 from toponav.graph.views import Views, ViewsInMemory
 
 Embed = Callable[[Tensor], Tensor]
@@ -38,10 +39,9 @@ class Waypoints:
         self._embed = embed
         self._compare = compare
         self._prepare = prepare
-        #: float32 ``[W, D]``.
-        self.embeddings = torch.empty(0)
-        #: What comparisons are made with, float32 ``[W, P]``.
-        self.prepared = torch.empty(0)
+        # The large ones, so that one more waypoint costs no copy of all.
+        self._embeddings = GrowingRows(torch.empty(0))
+        self._prepared = GrowingRows(torch.empty(0))
         #: int64 ``[W, 2]``: environment, and number of its observations before.
         self.origins = torch.empty(0, 2, dtype=torch.int64)
         #: Degrees, float32 ``[W]``: which way each looks, seen from the first one; NaN
@@ -54,6 +54,24 @@ class Waypoints:
 
     def __len__(self) -> int:
         return len(self.origins)
+
+    @property
+    def embeddings(self) -> Tensor:
+        """float32 ``[W, D]``."""
+        return self._embeddings.rows
+
+    @embeddings.setter
+    def embeddings(self, rows: Tensor) -> None:
+        self._embeddings = GrowingRows(rows)
+
+    @property
+    def prepared(self) -> Tensor:
+        """What comparisons are made with, float32 ``[W, P]``."""
+        return self._prepared.rows
+
+    @prepared.setter
+    def prepared(self, rows: Tensor) -> None:
+        self._prepared = GrowingRows(rows)
 
     @property
     def images(self) -> Tensor:
@@ -78,8 +96,8 @@ class Waypoints:
             got = "without" if image is None else "with"
             raise ValueError(f"all waypoints must have views or none, got one {got}")
         row = embedding.unsqueeze(0).float()
-        self.embeddings = torch.cat([self.embeddings, row])
-        self.prepared = torch.cat([self.prepared, self.entries(row)])
+        self._embeddings.append(row.squeeze(0))
+        self._prepared.append(self.entries(row).squeeze(0))
         self.origins = torch.cat([self.origins, origin.unsqueeze(0)])
         self.headings = torch.cat([self.headings, torch.tensor([heading])])
         nowhere = torch.full((1, 2), torch.nan)
