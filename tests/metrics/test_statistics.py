@@ -104,11 +104,18 @@ def test_mazes_are_not_drawn() -> None:
     # Two mazes as different as can be, whose runs do not differ: nothing is unsure.
     apart = bootstrap(np.repeat([0.0, 10.0], 4).reshape(2, 2, 2))
     assert (apart.low, apart.value, apart.high) == (5, 5, 5)
-    # Standard error of 4 runs: 0.112; of the mean of two such mazes: 0.112 / sqrt(2).
+    # Standard error of 4 runs: 0.112. Seeds are drawn for both mazes together.
     runs = np.repeat([[0.2], [0.4], [0.6], [0.8]], 10, axis=1)
     found = bootstrap(np.stack([runs, runs + 5]))
     assert found.value == pytest.approx(3.0)
-    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.079, abs=0.04)
+    assert found.high - found.low == pytest.approx(2 * 1.96 * 0.112, abs=0.05)
+
+
+@pytest.mark.parametrize("values", [[7.0], [[7.0]], [[[1.0]], [[2.0]]]])
+def test_one_value_a_maze_has_no_interval(values: list[float]) -> None:
+    found = bootstrap(values)
+    assert math.isnan(found.low)
+    assert math.isnan(found.high)
 
 
 def test_runs_alike_differ_by_their_episodes_only() -> None:

@@ -42,23 +42,24 @@ def expected_seconds(
 ) -> tuple[dict[str, float], int, bool]:
     """Seconds of each missing cell, by key, and where they are from.
 
-    The median of the finished runs of the same row, or else of the same recipe and
-    learner; without any the figure of ``conf/reproduce``, NaN if it has none.
+    The median of the finished runs of the same recipe and row, or else learner; without
+    any the figure of ``conf/reproduce``, NaN if it has none.
 
     Returns:
         The seconds, how many runs were measured, and whether some of the seconds are
         figures of ``conf/reproduce``.
     """
-    measured: dict[str, list[float]] = {}
+    measured: dict[tuple[str, str], list[float]] = {}
     count, by_figure = 0, False
     for cell in every_cell(cells):
         if is_finished(cell.folder) and not math.isnan(s := seconds_of(cell.folder)):
             count += 1
             for name in (cell.row, kind_of(cell)):
-                measured.setdefault(name, []).append(s)
+                measured.setdefault((cell.recipe, name), []).append(s)
     found = {}
     for cell in missing_cells(cells):
-        own = measured.get(cell.row) or measured.get(kind_of(cell))
+        names = [(cell.recipe, name) for name in (cell.row, kind_of(cell))]
+        own = measured.get(names[0]) or measured.get(names[1])
         if own is not None:
             found[cell.key] = median(own)
             continue

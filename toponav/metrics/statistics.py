@@ -33,14 +33,15 @@ class Estimate:
 
 
 class _RunsThenEpisodes(StratifiedBootstrap):
-    """Draws runs of each maze, then episodes of each; rliable's draws ignore the seed.
+    """Draws runs, then episodes of each in each maze; rliable's draws ignore the seed.
 
     With ``[R, E]`` there is one maze.
     """
 
     def update_indices(self) -> tuple[Ints, ...]:
         *mazes, num_runs, num_episodes = self._args_shape
-        run = self.generator.integers(num_runs, size=(*mazes, num_runs, 1))
+        # The runs of one seed share networks and draws of settings in all mazes.
+        run = self.generator.integers(num_runs, size=(num_runs, 1))
         episode = self.generator.integers(num_episodes, size=self._args_shape)
         maze = [np.arange(number)[:, None, None] for number in mazes]
         return (*maze, run, episode)
@@ -58,8 +59,9 @@ def bootstrap(
 
     Two seeds of one learner often differ more than two episodes of one seed do. With
     ``[R, E]``, each draw therefore takes R runs and then E episodes of each of them;
-    that of one run alone says nothing about other seeds. With ``[M, R, E]`` it does so
-    in each of M mazes: these are not drawn, the interval is of them alone.
+    that of one run alone says nothing about other seeds. With ``[M, R, E]`` it takes
+    the same R seeds in all of M mazes, and E episodes of each run: mazes are not drawn,
+    the interval is of them alone.
 
     ``statistic`` is of all values together, such as rliable's ``aggregate_iqm``, and
     ``level`` the share of the ``draws`` inside the interval.
@@ -83,7 +85,7 @@ def bootstrap(
         got = f"{level} and {draws}"
         raise ValueError(f"level must lie in (0, 1) and draws above 0, got {got}")
     value = float(statistic(table))
-    if table.size == 1:
+    if max(table.shape[-2:]) == 1:
         return Estimate(value, np.nan, np.nan)
     samples = _RunsThenEpisodes(np.atleast_2d(table), seed=seed)
     low, high = samples.conf_int(statistic, draws, method="percentile", size=level)

@@ -25,8 +25,8 @@ def pooled_row(
 ) -> dict[str, Any]:
     """A row over several mazes, each of which counts alike, from what each has.
 
-    Runs are drawn in each maze by itself, and differences are of equal mazes and seeds.
-    A seed that lacks a run in one of the mazes is left out of all.
+    Seeds are drawn for all mazes together, and differences are of equal mazes and
+    seeds. A seed that lacks a run in one of the mazes is left out of all.
 
     Args:
         row: its label.
