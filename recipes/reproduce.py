@@ -38,6 +38,7 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     """Find the runs, make those that are missing, write the table and the figure."""
     prepare_process(threads=1)
     experiment, folder = settings.experiment, Path(settings.folder)
+    untested = experiments.untested_sentences(settings)
     reports.require_columns(experiment)
 
     # Which runs it takes, and how long those that are missing will. Settings that are
@@ -45,7 +46,7 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     tries = experiments.plan_tries(settings)
     cells = experiments.plan_cells(settings)
     said = experiments.announce(settings, [*tries, *cells])
-    print(said, file=sys.stderr, flush=True)
+    print(*untested, said, sep="\n", file=sys.stderr, flush=True)
     for needed in (folder, Path(settings.runs)):
         needed.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=needed).close()
@@ -84,7 +85,7 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     best = reports.best_sentences(settings.experiment.rows, table)
     below = "".join(
         f"- {sentence}\n"
-        for sentence in (*best, *experiment.remarks, *chosen, *missing)
+        for sentence in (*best, *experiment.remarks, *untested, *chosen, *missing)
     )
     heading = f"# {experiment.title}\n\n"
     write_text(path.with_suffix(".md"), f"{heading}{markdown}\n{below}".rstrip() + "\n")

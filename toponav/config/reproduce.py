@@ -35,6 +35,9 @@ class RowConfig(Settings):
     drawn: list[str] = field(default_factory=list)
     #: The row whose drawn settings this one takes, too.
     choice_of: str | None = None
+    #: Whether its method has passed the sanity task of its own paper's kind; one that
+    #: has not is made and shown only if ``rows`` names it.
+    passed: bool = True
 
 
 @dataclass

@@ -1,6 +1,10 @@
 """Experiments as data: which runs a table needs, where they are, how they are made."""
 
-from toponav.experiments.cells import Cell as Cell, plan_cells as plan_cells
+from toponav.experiments.cells import (
+    Cell as Cell,
+    plan_cells as plan_cells,
+    untested_sentences as untested_sentences,
+)
 from toponav.experiments.choosing import (
     Choice as Choice,
     choice_sentences as choice_sentences,

@@ -59,11 +59,25 @@ class Cell:
 
 
 def rows_of(settings: ReproduceConfig) -> list[RowConfig]:
-    """The rows that were asked for, and those that they are compared with."""
+    """The rows that were asked for, and those that they are compared with.
+
+    Without a word about rows, those whose method has passed its sanity task.
+    """
     rows = settings.experiment.rows
-    wanted = set(settings.rows or [row.label for row in rows])
+    wanted = set(settings.rows or [row.label for row in rows if row.passed])
     wanted |= {row.against for row in rows if row.label in wanted and row.against}
     return [row for row in rows if row.label in wanted]
+
+
+def untested_sentences(settings: ReproduceConfig) -> list[str]:
+    """A sentence for each row that is left out since its method has not passed."""
+    shown = {row.label for row in rows_of(settings)}
+    return [
+        f"'{row.label}' is left out: its method has not passed a sanity task of its "
+        f"own paper's kind (rows=['{row.label}'] makes it all the same)"
+        for row in settings.experiment.rows
+        if not row.passed and row.label not in shown
+    ]
 
 
 def mazes_of(settings: ReproduceConfig, row: RowConfig) -> list[str]:

@@ -47,7 +47,7 @@ def plan_tries(settings: ReproduceConfig) -> list[Cell]:
         replace(
             settings,
             experiment=tried,
-            rows=[],
+            rows=[row.label for row in rows],
             seeds=settings.tries,
             most_mazes=None,
         )
@@ -133,7 +133,8 @@ def with_choices(
     rows = [
         row if row.against in labels else replace(row, against=None) for row in rows
     ]
-    return replace(settings, experiment=replace(experiment, rows=rows), rows=[])
+    named = [row.label for row in rows]
+    return replace(settings, experiment=replace(experiment, rows=rows), rows=named)
 
 
 def _chosen_row(
