@@ -8,7 +8,9 @@ mean number of times that edges were closed in one, ``success_<n>`` the share of
 episodes that reached a goal within so many decisions, and ``detection_delay`` the
 median of the decisions from standing before a closed corridor to its closing.
 ``pictures`` says where goal views come from, the map or a walk, and ``closes`` whether
-the navigator closes edges. ``--against`` prints, in pairs of the same maze, slots and
+the navigator closes edges. Of all cuts of a row, ``cuts_blockage`` were at a closed
+corridor, ``cuts_false_edge`` at an edge through a wall, and ``cuts_false_block``
+closed what is open. ``--against`` prints, in pairs of the same maze, slots and
 seed, how many goals more the navigator reaches than in former rows.
 """
 
@@ -22,7 +24,7 @@ from toponav.config import read_yaml
 
 TOLD = ["maze", "seed", "closed", "pictures", "closes"]
 SHOWN = ["goals", "goals_low", "goals_high", "cuts", "success_1250", "success_5000"]
-SHOWN += ["detection_delay"]
+SHOWN += ["cuts_blockage", "cuts_false_edge", "cuts_false_block", "detection_delay"]
 
 
 def read_tour(folder: Path) -> pd.DataFrame:
