@@ -10,8 +10,11 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+
+from tqdm import tqdm
 
 ROOT = Path(__file__).parent.parent
 
@@ -53,8 +56,18 @@ def run_forked(
     return subprocess.CompletedProcess([recipe, *words], status, output, errors)
 
 
+def own_progress() -> None:
+    """In a child: its progress bars share no lock with the parent.
+
+    A thread of the parent may hold it at the fork, and a child that is killed may: then
+    both would wait for ever.
+    """
+    tqdm.set_lock(threading.RLock())
+
+
 def _run(main, words: list[str], cwd: Path, paths: list[Path], inside) -> None:
     """In the child: with standard streams, working directory and command line."""
+    own_progress()
     for number, path in enumerate(paths, 1):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT), number)
     sys.stdout, sys.stderr = (os.fdopen(one, "w", buffering=1) for one in (1, 2))

@@ -13,6 +13,7 @@ import psutil
 import pytest
 from omegaconf import OmegaConf
 
+from tests.forked import own_progress
 from toponav.experiments import Cell, RunMaker
 from toponav.experiments.making import last_sentence
 
@@ -36,6 +37,11 @@ def make(tmp_path: Path, *cells: Cell, jobs: int = 1) -> RunMaker:
     maker = RunMaker(recipes(tmp_path), jobs=jobs, poll_s=0.02)
     maker.make(cells, {})
     return maker
+
+
+def make_apart(tmp_path: Path, cell: Cell) -> None:
+    own_progress()
+    make(tmp_path, cell)
 
 
 def starts(cell: Cell) -> list[str]:
@@ -80,7 +86,7 @@ def test_a_failing_run_ends_nothing_but_what_needs_it(tmp_path: Path) -> None:
 def killed_maker(tmp_path: Path, cell: Cell) -> psutil.Process:
     """Kill a maker while its run is half done; the run's own process."""
     context = multiprocessing.get_context("fork")
-    maker = context.Process(target=make, args=(tmp_path, cell))
+    maker = context.Process(target=make_apart, args=(tmp_path, cell))
     maker.start()
     wait_for((cell.folder / "checkpoint.pt").exists)
     (run,) = psutil.Process(maker.pid).children()
@@ -103,7 +109,7 @@ def test_a_run_that_outlived_its_maker_is_waited_for(tmp_path: Path) -> None:
     cell = make_cell(tmp_path, "one", f"wait={tmp_path / 'go'}")
     killed_maker(tmp_path, cell)
     context = multiprocessing.get_context("fork")
-    second = context.Process(target=make, args=(tmp_path, cell))
+    second = context.Process(target=make_apart, args=(tmp_path, cell))
     second.start()
     time.sleep(0.2)
     assert second.is_alive()
