@@ -60,7 +60,7 @@ def own_progress() -> None:
     """In a child: its progress bars share no lock with the parent.
 
     A thread of the parent may hold it at the fork, and a child that is killed may: then
-    both would wait for ever.
+    both would hang.
     """
     tqdm.set_lock(threading.RLock())
 
