@@ -170,6 +170,16 @@ def test_what_trains_a_rival_is_valid_and_has_as_many_decisions(
         assert all(1e-4 <= rate <= 5e-3 for rate in rates)
 
 
+def test_trpo_has_its_own_numbers_at_the_scale_of_the_paper(tmp_path: Path) -> None:
+    words = ["experiment=table3", "reproduce=paper", f"runs={tmp_path}", "seeds=2"]
+    with reproducing(*words, "most_mazes=1", "rows=[EX2 on TRPO]") as settings:
+        losses = [plain(cell.config)["loss"] for cell in plan_cells(settings)]
+    # Of Fu et al., not what the others draw; the bound is drawn in its place.
+    assert [one["entropy_coeff"] for one in losses] == [1e-5] * 2
+    first, second = (one["max_kl"] for one in losses)
+    assert first != second
+
+
 def test_what_a_recipe_refuses_is_one_sentence(tmp_path: Path) -> None:
     with reproducing(
         "reproduce=smoke", "explore_overrides=['collect.envs=0']"

@@ -116,3 +116,14 @@ def test_a_time_that_is_none_is_refused() -> None:
     rule = r"explore_s.ppo must be above 0, got 0.0"
     with pytest.raises(SettingsError, match=rule), reproducing("explore_s.ppo=0"):
         pass
+
+
+def test_a_row_that_explores_and_navigates_has_a_time_of_each(
+    laptop: ReproduceConfig, maker: Maker
+) -> None:
+    tried = maker.add("explore", "dqn", "DQN")
+    maker.finish(tried, 900.0)
+    walk = maker.add("navigate", "", "DQN")
+    expected, _, _ = expected_seconds(laptop, maker.made)
+    # That of conf/reproduce, and not the 900 s of the exploration.
+    assert expected[walk.key] == 233

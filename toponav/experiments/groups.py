@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -31,12 +30,15 @@ def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]
             runs = {one.seed: one.folder for one in own if is_finished(one.folder)}
             before = _decisions_before(own[0]) if runs else math.nan
             figures = paper.get((row.label, maze), {})
-            group = Group(row.label, maze, runs, len(own), before, row.against, figures)
-            groups.append(replace(group, cells=_cells_of(own[0])))
+            group = Group(
+                *(row.label, maze, runs, len(own), before, row.against, figures),
+                cells=_num_maze_cells(own[0]),
+            )
+            groups.append(group)
     return groups
 
 
-def _cells_of(cell: Cell) -> int | None:
+def _num_maze_cells(cell: Cell) -> int | None:
     """Cells of the maze that a cell explores."""
     if cell.recipe != "explore" or cell.config.world.name != "maze":
         return None
