@@ -21,6 +21,7 @@ from toponav.graph.map_file import (
 )
 from toponav.graph.navigation import (
     BeliefRules as BeliefRules,
+    GoalSearch as GoalSearch,
     Localiser as Localiser,
     Locomotion as Locomotion,
     Map as Map,
@@ -30,6 +31,7 @@ from toponav.graph.navigation import (
     PoseBelief as PoseBelief,
     PoseMap as PoseMap,
     PoseNavigator as PoseNavigator,
+    SearchRules as SearchRules,
     to_the_middle as to_the_middle,
     walking_costs as walking_costs,
 )

@@ -134,7 +134,7 @@ def test_a_goal_is_where_most_of_its_views_are() -> None:
     navigator = make()
     navigator(data)
     # The mean of all four would be 2.75 to the west.
-    assert (navigator._goal[0] - torch.tensor([13.5, 9.1])).norm() < 1.5
+    assert (navigator.search.estimate()[0] - torch.tensor([13.5, 9.1])).norm() < 1.5
 
 
 def test_of_two_corners_that_look_alike_it_knows_its_own() -> None:

@@ -13,6 +13,7 @@ from toponav.graph import (
     NavigatorRules,
     PoseMap,
     PoseNavigator,
+    SearchRules,
     to_the_middle,
     walking_costs,
 )
@@ -26,6 +27,7 @@ class PosesConfig(NavigatorConfig):
 
     ahead: float = above(0)
     search: float = above(0)
+    reach: float = above(0)
     width: float = above(0)
     lookahead: int = MISSING
     temperature: float = MISSING
@@ -50,6 +52,10 @@ class PosesConfig(NavigatorConfig):
         with refusing("navigator."):
             self.rules()
             self.belief()
+
+    def searching(self) -> SearchRules:
+        """Where it looks for its goal."""
+        return SearchRules(search=self.search, reach=self.reach)
 
     def rules(self) -> NavigatorRules:
         """The navigator's rules. Poses say where it is: similarities do not matter."""
@@ -93,7 +99,7 @@ def make_pose_navigator(
         ),
         belief=config.belief(),
         ahead=config.ahead,
-        search=config.search,
+        search=config.searching(),
         block_within=config.block_within,
         goal_reward=knowledge.world.goal_reward,
         place_key=place_key,
