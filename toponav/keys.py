@@ -175,6 +175,16 @@ CUT_TO: NestedKey = (NAVIGATION, "cut_to")
 #: bool [1]; the agent is not localised, or no path leads on: actions are random.
 LOST: NestedKey = (NAVIGATION, "lost")
 
+#: float32 [S]; what it senses beside its view. PractisingNavigator -> SteeringNetwork.
+SENSES: NestedKey = (NAVIGATION, "senses")
+#: float32 [A]; decisions that are left after each action in free space, negative.
+FREE_LOGITS: NestedKey = (NAVIGATION, "free_logits")
+#: float32 [1]; decisions that less are left than before. PractisingNavigator -> practice.
+PROGRESS: NestedKey = (NAVIGATION, "progress")
+#: bool [1]; it believes to be at its target, or gives it up, and has a new one.
+REACHED: NestedKey = (NAVIGATION, "reached")
+GAVE_UP: NestedKey = (NAVIGATION, "gave_up")
+
 # --- reading them -----------------------------------------------------------
 _MEMORY = "WaypointMemory"
 _PRIMER = "the policy's make_tensordict_primer()"

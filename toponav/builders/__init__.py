@@ -40,6 +40,7 @@ from toponav.builders.navigation import (
     load_knowledge as load_knowledge,
     make_goal_places as make_goal_places,
     make_navigation_env as make_navigation_env,
+    make_practice_env as make_practice_env,
     require_same_maze as require_same_maze,
 )
 from toponav.builders.networks import (
@@ -97,6 +98,12 @@ from toponav.builders.protocols import (
 from toponav.builders.ray_cluster import (
     join_cluster as join_cluster,
     require_cluster as require_cluster,
+)
+from toponav.builders.steering import (
+    CONTROLLER_FILE as CONTROLLER_FILE,
+    load_controller as load_controller,
+    make_controller as make_controller,
+    save_controller as save_controller,
 )
 from toponav.builders.threads import (
     ThreadGuard as ThreadGuard,

@@ -21,6 +21,7 @@ from toponav.builders.processes import seed_of
 from toponav.config import (
     MazeConfig,
     NavigateConfig,
+    PractiseConfig,
     SettingsError,
     maze_label,
     refusing,
@@ -42,6 +43,7 @@ Cell = tuple[int, int]
 _APPEARANCE = ("texture_seed", "paintings", "marks")
 # Apart from the seeds of the episodes.
 _WALK, _WALKERS = 55, 4
+_PRACTICE = 77
 # Decisions of a walk between two choices of pictures; most decisions for each cell.
 _CHUNK, _MOST_PER_CELL = 900, 50
 
@@ -67,7 +69,9 @@ class GroundTruth:
     distances: GroundTruthDistances
 
 
-def load_exploration(config: NavigateConfig) -> tuple[AgentKnowledge, GroundTruth]:
+def load_exploration(
+    config: NavigateConfig | PractiseConfig,
+) -> tuple[AgentKnowledge, GroundTruth]:
     """Read the run folder that ``run`` names.
 
     Raises `SettingsError` if that is no exploration, one without networks or waypoints,
@@ -277,3 +281,14 @@ def make_navigation_env(
     reward = PreviousReward(env.world.goal_reward, in_keys=[REWARD])
     views = GoalViews(places.cells, places.views)
     return TransformedEnv(env, Compose(views, reward, InitTracker()))
+
+
+def make_practice_env(config: PractiseConfig) -> EnvBase:
+    """Mazes without a goal, and nothing of the ground truth."""
+    env = make_env(
+        config.maze,
+        engine=config.engine,
+        batch_size=config.practice.envs,
+        seed=seed_of(config.seed, _PRACTICE),
+    )
+    return TransformedEnv(env, InitTracker())

@@ -46,6 +46,10 @@ from toponav.config.navigate import (
     TourConfig as TourConfig,
     run_setting as run_setting,
 )
+from toponav.config.practise import (
+    PracticeConfig as PracticeConfig,
+    PractiseConfig as PractiseConfig,
+)
 from toponav.config.pretrain import (
     PretrainConfig as PretrainConfig,
     TrainConfig as TrainConfig,
@@ -63,6 +67,7 @@ from toponav.config.reproduce import (
 RECIPES: dict[str, type] = {
     "explore": ExploreConfig,
     "navigate": NavigateConfig,
+    "practise": PractiseConfig,
     "pretrain": PretrainConfig,
     "report": SweepReportConfig,
     "reproduce": ReproduceConfig,

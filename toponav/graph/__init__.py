@@ -31,7 +31,9 @@ from toponav.graph.navigation import (
     PoseBelief as PoseBelief,
     PoseMap as PoseMap,
     PoseNavigator as PoseNavigator,
+    PractisingNavigator as PractisingNavigator,
     SearchRules as SearchRules,
+    SteeringSenses as SteeringSenses,
     to_the_middle as to_the_middle,
     walking_costs as walking_costs,
 )

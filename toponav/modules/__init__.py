@@ -26,3 +26,7 @@ from toponav.modules.pair_networks import (
     TCNetwork as TCNetwork,
 )
 from toponav.modules.place_network import PlaceNetwork as PlaceNetwork
+from toponav.modules.steering_network import (
+    SteeringNetwork as SteeringNetwork,
+    SteeringValue as SteeringValue,
+)

@@ -56,6 +56,7 @@ from toponav.reports.picture_walks import write_picture_walks as write_picture_w
 from toponav.reports.pooled_rows import (
     best_sentences as best_sentences,
 )
+from toponav.reports.practice_report import write_practice as write_practice
 from toponav.reports.pretraining_report import (
     progress_figures as progress_figures,
     summarize as summarize,

@@ -57,3 +57,7 @@ from toponav.training.room import (
     require_explore_room as require_explore_room,
     require_pretrain_room as require_pretrain_room,
 )
+from toponav.training.steering_practice import (
+    PracticeRules as PracticeRules,
+    SteeringPractice as SteeringPractice,
+)

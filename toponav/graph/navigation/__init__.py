@@ -26,3 +26,7 @@ from toponav.graph.navigation.pose_navigator import (
     PoseMap as PoseMap,
     PoseNavigator as PoseNavigator,
 )
+from toponav.graph.navigation.practising_navigator import (
+    PractisingNavigator as PractisingNavigator,
+)
+from toponav.graph.navigation.steering_senses import SteeringSenses as SteeringSenses

@@ -14,8 +14,8 @@ _FAR, _FARTHER = 24, 2.5
 #: agent is there, and decisions after which it looks somewhere else although it is not:
 #: walls may be between.
 _WAY, _THERE, _PATIENCE = 6.0, 0.7, 16
-#: Steps from where it was last that count as a move, and from where it is to where it
-#: looks next, at least.
+#: Steps from where it was last that count as a move, and from where it is, or tried to
+#: get, to where it looks next, at least.
 _MOVED, _ELSEWHERE = 0.4, 1.2
 #: What is left of a point where the agent has been without being paid, and of one that
 #: it aimed at. Once no more than a share of all is left, it begins again.
@@ -140,8 +140,10 @@ class GoalSearch:
         off = ((bearing - pose[:, 2:] + 180) % 360 - 180).abs()
         away = gap.norm(dim=2)
         worth = around * (-(away + off / self.turn) / _WAY).exp()
-        # Who looks was not paid here.
-        worth = worth.masked_fill(looks.unsqueeze(1) & (away < _ELSEWHERE), 0.0)
+        # Who looks was not paid here, and did not get to what it aimed at.
+        tried = (self.points - self._aim.unsqueeze(1)).norm(dim=2)
+        here = torch.minimum(away, tried) < _ELSEWHERE
+        worth = worth.masked_fill(looks.unsqueeze(1) & here, 0.0)
         return self.points[torch.arange(len(worth)), worth.argmax(1)]
 
     def _strike(self, agents: Tensor, where: Tensor, share: float) -> None:

@@ -173,6 +173,11 @@ class Plans:
         return found.masked_fill(place < 0, torch.inf)
 
     @property
+    def costs(self) -> Tensor:
+        """Remaining cost from every waypoint, float64 ``[N, W]``, or infinite."""
+        return self._costs
+
+    @property
     def has_path(self) -> Tensor:
         """From which waypoints each agent has a path to its goal, bool ``[N, W]``."""
         return self._costs.isfinite()

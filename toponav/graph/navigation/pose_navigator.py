@@ -13,6 +13,7 @@ from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
 from toponav.graph.navigation.path_following import aim_along, edges_through, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
+from toponav.graph.navigation.steering_senses import SteeringSenses
 from toponav.graph.poses import decisions_apart, fastest_turn, moved
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
@@ -24,6 +25,9 @@ _AROUND, _AGREE, _BESIDE = 5.0, 3.0, 2.5
 #: What a turn counts beside a step to say at which waypoint an agent is; steps from the
 #: end of its path from which it is there.
 _DIRECTION, _THERE = 0.2, 1.0
+#: Of the poses that an agent may have, those that say how much is left of its path, and
+#: how many waypoints beside each.
+_ASKED, _BESIDE_POSE = 16, 4
 #: Share of the way to what it aims at where an agent that is stuck could not pass.
 _AHEAD = 0.7
 #: Steps up to which another waypoint may stand for one that has no path left.
@@ -71,6 +75,9 @@ class PoseNavigator(Navigator):
         belief: how poses are followed.
         ahead: steps from the agent to the point of its path that it aims at.
         search: where it looks for the goal.
+        controller: corrects what steering in free space says of each action: embeddings
+            ``[N, D]``, `SteeringSenses` ``[N, S]`` and logits ``[N, A]`` to logits, as
+            `SteeringNetwork` does; ``None`` for none.
         block_within: steps around the place that it could not pass, up to which edges
             are closed; ``None`` closes as a `Navigator` does.
     """
@@ -87,6 +94,7 @@ class PoseNavigator(Navigator):
         ahead: float = 3.5,
         search: SearchRules | None = None,
         block_within: float | None = None,
+        controller: Callable[[Tensor, Tensor, Tensor], Tensor] | None = None,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
         place_key: NestedKey | None = None,
@@ -116,6 +124,7 @@ class PoseNavigator(Navigator):
         self.belief_rules = belief
         self.search_rules = search or SearchRules()
         self.ahead, self.block_within = ahead, block_within
+        self.controller = controller
         self.turn = fastest_turn(known.effects)
 
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
@@ -125,9 +134,9 @@ class PoseNavigator(Navigator):
         self.belief = PoseBelief(poses, effects, rules, num_agents, draws)
         self._pose = torch.zeros(num_agents, 3)
         self._aims = torch.zeros(num_agents, 2)
-        self.search = GoalSearch(
-            num_agents, self.search_rules, draws, turn=self.turn
-        )
+        self._points, self._ends = self._aims.unsqueeze(1), self._aims[:, 0] > 0
+        self.senses = SteeringSenses(num_agents, len(effects), length)
+        self.search = GoalSearch(num_agents, self.search_rules, draws, turn=self.turn)
         # What was ahead in the last decisions, [N, block_after, 2].
         self._tried = torch.zeros(num_agents, self.rules.block_after or 1, 2)
 
@@ -215,6 +224,7 @@ class PoseNavigator(Navigator):
         ends = aim.is_end & (self.plans.cost(path[:, -1]) == 0)
         goal = self.search.aim(self._pose, looks=ends)
         self._aims = torch.where(ends.unsqueeze(1), goal, aim.point)
+        self._points, self._ends = points, ends
         # What it aims at lies on the way to this waypoint, or, at the end, beside it.
         onward = aim.passed.clamp(max=path.shape[1] - 1).unsqueeze(1)
         target = path.gather(1, onward).squeeze(1)
@@ -222,10 +232,25 @@ class PoseNavigator(Navigator):
         target = torch.where(there, place, target)
         return place, target.masked_fill(place < 0, -1)
 
+    def _to_go(self, place: Tensor) -> Tensor:
+        """Decisions that are left, ``[N]``: the mean over poses that each may have.
+
+        From where nothing is left, and where no pose has a path, as from ``place``.
+        """
+        cost = self.plans.cost(place)
+        poses = self.belief.poses[:, :_ASKED, :2].flatten(0, 1)
+        number = min(_BESIDE_POSE, len(self.known.track))
+        away, nodes = torch.cdist(poses, self.known.track).topk(number, largest=False)
+        left = self.plans.costs.gather(1, nodes.view(len(place), -1)).view_as(away)
+        least = (left + away).amin(1).view(len(place), -1)
+        known = least.isfinite()
+        mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
+        return torch.where(mean.isfinite() & (cost > 0), mean, cost)
+
     def _give_up(self, place: Tensor) -> Tensor:
         if self.block_within is None:
             return super()._give_up(place)
-        stuck = self.progress.watch(place, self.plans.cost(place))
+        stuck = self.progress.watch(place, self._to_go(place))
         ahead = torch.lerp(self._pose[:, :2], self._aims, _AHEAD)
         self._tried = torch.cat([self._tried[:, 1:], ahead.unsqueeze(1)], 1)
         closed_ends = torch.full((len(place), 2), -1)
@@ -245,4 +270,18 @@ class PoseNavigator(Navigator):
         return closed_ends
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:
-        return steer(self._pose, self._aims, self.known.effects)
+        self._free = steer(self._pose, self._aims, self.known.effects)
+        if self.controller is None:
+            return self._free
+        here = here.float().cpu()
+        self._sensed = self.senses(
+            self._pose,
+            self.belief.poses[:, :, :2].std(1).norm(dim=1),
+            self._points,
+            self._aims,
+            self._ends,
+            self.sampler.last_action,
+            here,
+            self._free,
+        )
+        return self.controller(here, self._sensed, self._free)

@@ -12,7 +12,11 @@ from toponav.methods.navigators.diagnosis import (
 )
 from toponav.methods.navigators.method import NavigatorMethod as NavigatorMethod
 from toponav.methods.navigators.oracle import ORACLE
-from toponav.methods.navigators.poses import POSES, PosesConfig as PosesConfig
+from toponav.methods.navigators.poses import (
+    POSES,
+    PosesConfig as PosesConfig,
+    make_practising_navigator as make_practising_navigator,
+)
 from toponav.methods.navigators.random import RANDOM
 from toponav.methods.navigators.topological import (
     TOPOLOGICAL,

@@ -1,24 +1,35 @@
 """A navigator that follows its own pose, on a map whose waypoints have poses."""
 
 from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 from omegaconf import MISSING
 from tensordict import NestedKey
 from torch import Tensor
 
-from toponav.builders import AgentKnowledge, action_effects
-from toponav.config import NavigatorConfig, above, one_of, refusing, require
+from toponav.builders import AgentKnowledge, action_effects, load_controller
+from toponav.config import (
+    NavigatorConfig,
+    PractiseConfig,
+    above,
+    one_of,
+    refusing,
+    require,
+)
 from toponav.graph import (
     BeliefRules,
     NavigatorRules,
     PoseMap,
     PoseNavigator,
+    PractisingNavigator,
     SearchRules,
     to_the_middle,
     walking_costs,
 )
 from toponav.methods.navigators.method import NavigatorMethod
 from toponav.methods.navigators.topological import NavigatorMap
+from toponav.modules import SteeringNetwork
 
 
 @dataclass
@@ -28,6 +39,7 @@ class PosesConfig(NavigatorConfig):
     ahead: float = above(0)
     search: float = above(0)
     reach: float = above(0)
+    practised: str | None = MISSING
     width: float = above(0)
     lookahead: int = MISSING
     temperature: float = MISSING
@@ -78,6 +90,39 @@ def make_pose_navigator(
     seed: int = 0,
 ) -> PoseNavigator:
     """The agent, as `make_navigator`, on a map that ``map.poses=true`` has made."""
+    controller = None
+    if config.practised is not None:
+        controller = load_controller(
+            Path(config.practised),
+            embedding_size=knowledge.map.embeddings.shape[1],
+            num_actions=knowledge.world.num_actions,
+            setting="navigator.practised",
+        )
+    return PoseNavigator(
+        **_arguments(config, knowledge, edges),
+        controller=controller,
+        goal_reward=knowledge.world.goal_reward,
+        place_key=place_key,
+        seed=seed,
+    )
+
+
+def make_practising_navigator(
+    settings: PractiseConfig, knowledge: AgentKnowledge, controller: SteeringNetwork
+) -> PractisingNavigator:
+    """The agent that walks to waypoints of its own map, by what it learns there."""
+    config = settings.navigator
+    assert isinstance(config, PosesConfig)
+    given = _arguments(config, knowledge, None)
+    return PractisingNavigator(**given, controller=controller, seed=settings.seed)
+
+
+def _arguments(
+    config: PosesConfig,
+    knowledge: AgentKnowledge,
+    edges: tuple[Tensor, Tensor] | None,
+) -> dict[str, Any]:
+    """What both have in common."""
     known, tc = knowledge.map, knowledge.networks.tc
     effects, poses = action_effects(knowledge.world), known.waypoints.poses
     rule = "navigator=poses must be given a map with poses, of an exploration with "
@@ -89,22 +134,19 @@ def make_pose_navigator(
     if edges is None:
         cost = walking_costs(track, known.edges, known.graph.traversals)
         edges = known.edges, cost
-    return PoseNavigator(
-        NavigatorMap.of(known, known.embeddings, edges),
-        tc.embed,
-        tc.compare_prepared,
-        config.rules(),
-        known=PoseMap(
+    return {
+        "map": NavigatorMap.of(known, known.embeddings, edges),
+        "embed": tc.embed,
+        "compare": tc.compare_prepared,
+        "rules": config.rules(),
+        "known": PoseMap(
             poses=poses, track=track, effects=effects, places=knowledge.places
         ),
-        belief=config.belief(),
-        ahead=config.ahead,
-        search=config.searching(),
-        block_within=config.block_within,
-        goal_reward=knowledge.world.goal_reward,
-        place_key=place_key,
-        seed=seed,
-    )
+        "belief": config.belief(),
+        "ahead": config.ahead,
+        "search": config.searching(),
+        "block_within": config.block_within,
+    }
 
 
 POSES = NavigatorMethod(
