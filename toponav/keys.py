@@ -179,7 +179,7 @@ LOST: NestedKey = (NAVIGATION, "lost")
 SENSES: NestedKey = (NAVIGATION, "senses")
 #: float32 [A]; decisions that are left after each action in free space, negative.
 FREE_LOGITS: NestedKey = (NAVIGATION, "free_logits")
-#: float32 [1]; decisions that less are left than before. PractisingNavigator -> practice.
+#: float32 [1]; decisions fewer that are left than before. It -> SteeringPractice.
 PROGRESS: NestedKey = (NAVIGATION, "progress")
 #: bool [1]; it believes to be at its target, or gives it up, and has a new one.
 REACHED: NestedKey = (NAVIGATION, "reached")

@@ -14,7 +14,7 @@ _PANELS = {
 
 
 def write_practice(folder: Path, rows: Sequence[Mapping[str, float]]) -> None:
-    """Write ``practice.csv`` and ``practice.png``; a row a batch, over ``decisions``."""
+    """Write ``practice.csv`` and ``practice.png``: a row a batch, by ``decisions``."""
     write_history(folder / "practice.csv", rows)
     save_figure(
         draw_curves(rows, panels=_PANELS, x="decisions"), folder / "practice.png"

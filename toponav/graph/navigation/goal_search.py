@@ -10,9 +10,9 @@ from torch import Tensor
 _POINTS, _PAID, _ALIKE = 128, 32, 0.8
 #: Of the first ones, those that are drawn so many times as far away.
 _FAR, _FARTHER = 24, 2.5
-#: Decisions on the way to a point that leave 1 / e of what it is worth; steps from which an
-#: agent is there, and decisions after which it looks somewhere else although it is not:
-#: walls may be between.
+#: Decisions on the way to a point that leave 1 / e of what it is worth; steps from which
+#: an agent is there, and decisions after which it looks somewhere else although it is
+#: not: walls may be between.
 _WAY, _THERE, _PATIENCE = 6.0, 0.7, 16
 #: Steps from where it was last that count as a move, and from where it is, or tried to
 #: get, to where it looks next, at least.

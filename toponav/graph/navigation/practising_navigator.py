@@ -20,11 +20,11 @@ class PractisingNavigator(PoseNavigator):
     Its targets are waypoints of its map, drawn uniformly. Once it believes to be there,
     or after a while, it draws the next one. Nobody tells it its pose, shows it a goal,
     or pays it: its progress is how much less is left of its path than in the decision
-    before, in decisions, by its own poses (as `PoseNavigator` notices that it is stuck).
+    before, by its own poses, as a `PoseNavigator` notices that it is stuck.
 
     Beside what a navigator writes, it writes what its controller reads and how it came
-    along since the decision before: `keys.EMBEDDING`, `keys.SENSES`, `keys.FREE_LOGITS`,
-    `keys.PROGRESS`, `keys.REACHED` and `keys.GAVE_UP`.
+    along since the decision before: `keys.EMBEDDING`, `keys.SENSES`,
+    `keys.FREE_LOGITS`, `keys.PROGRESS`, `keys.REACHED` and `keys.GAVE_UP`.
 
     Args:
         settings: arguments of `PoseNavigator` by name, with a ``controller``.
