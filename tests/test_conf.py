@@ -40,7 +40,7 @@ def settings(recipe: str, *overrides: str) -> object:
 
 def maze_of(recipe: str) -> tuple[str, ...]:
     """Navigating takes the maze of a run unless one is named."""
-    return ("maze=maze1",) if recipe == "navigate" else ()
+    return ("maze=maze1",) if recipe in ("navigate", "practise") else ()
 
 
 def options() -> list[tuple[str, str]]:
@@ -57,7 +57,9 @@ def test_each_recipe_composes_to_its_schema(recipe: str) -> None:
     assert isinstance(settings(recipe, *maze_of(recipe)), RECIPES[recipe])
 
 
-@pytest.mark.parametrize("recipe", ["pretrain", "explore", "navigate", "tour"])
+@pytest.mark.parametrize(
+    "recipe", ["pretrain", "explore", "navigate", "practise", "tour"]
+)
 def test_runs_of_the_same_second_have_folders_of_their_own(recipe: str) -> None:
     register()
     OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)

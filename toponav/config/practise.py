@@ -42,5 +42,3 @@ class PractiseConfig(Settings):
         super().__post_init__()
         rule = "maze.goal must be false: targets are the map's own"
         require(not self.maze.goal, rule, True)
-        rule = "navigator must be poses, which alone can practise"
-        require(self.navigator.name == "poses", rule, self.navigator.name)

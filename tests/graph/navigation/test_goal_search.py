@@ -49,7 +49,8 @@ def test_where_it_was_paid_it_looks_the_next_time() -> None:
     search = make()
     search.begin(FIRST, GOAL)
     paid = torch.tensor([[9.0, 5.0]])  # four steps from where the views agree
-    search.found(LOOKS, paid)
+    for _ in range(3):
+        search.found(LOOKS, paid)
     search.restart(LOOKS)
     aim = search.aim(torch.tensor([[5.0, 5.0, 0.0]]), looks=~LOOKS)
     assert (aim - paid).norm() < 1

@@ -28,6 +28,8 @@ _DIRECTION, _THERE = 0.2, 1.0
 #: Of the poses that an agent may have, those that say how much is left of its path, and
 #: how many waypoints beside each.
 _ASKED, _BESIDE_POSE = 16, 4
+#: Decisions that are left at least.
+_LEAST = 0.1
 #: Share of the way to what it aims at where an agent that is stuck could not pass.
 _AHEAD = 0.7
 #: Steps up to which another waypoint may stand for one that has no path left.
@@ -235,7 +237,8 @@ class PoseNavigator(Navigator):
     def _to_go(self, place: Tensor) -> Tensor:
         """Decisions that are left, ``[N]``: the mean over poses that each may have.
 
-        From where nothing is left, and where no pose has a path, as from ``place``.
+        Where no pose has a path, as from ``place``. At the goal's waypoint something is
+        left, too, as long as it is not paid there.
         """
         cost = self.plans.cost(place)
         poses = self.belief.poses[:, :_ASKED, :2].flatten(0, 1)
@@ -245,7 +248,7 @@ class PoseNavigator(Navigator):
         least = (left + away).amin(1).view(len(place), -1)
         known = least.isfinite()
         mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
-        return torch.where(mean.isfinite() & (cost > 0), mean, cost)
+        return torch.where(mean.isfinite(), mean, cost).clamp(min=_LEAST)
 
     def _give_up(self, place: Tensor) -> Tensor:
         if self.block_within is None:
@@ -267,6 +270,8 @@ class PoseNavigator(Navigator):
             else:
                 found = node, self.plans.close_edge(agent, node)
             closed_ends[agent] = torch.tensor(found)
+        # Who looked for its goal in vain may be somewhere else.
+        self.belief.forget(stuck & self._ends)
         return closed_ends
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:

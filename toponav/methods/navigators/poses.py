@@ -1,6 +1,6 @@
 """A navigator that follows its own pose, on a map whose waypoints have poses."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,8 +112,12 @@ def make_practising_navigator(
 ) -> PractisingNavigator:
     """The agent that walks to waypoints of its own map, by what it learns there."""
     config = settings.navigator
+    rule = "navigator must be poses, which alone can practise"
+    require(isinstance(config, PosesConfig), rule, config.name)
     assert isinstance(config, PosesConfig)
     given = _arguments(config, knowledge, None)
+    # Actions are drawn by the chances that are learned from.
+    given["rules"] = replace(given["rules"], mask_noop_actions=False)
     return PractisingNavigator(**given, controller=controller, seed=settings.seed)
 
 

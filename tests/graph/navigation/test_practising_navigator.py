@@ -1,0 +1,120 @@
+"""An agent that walks to waypoints of its own choice in the ring, and says how."""
+
+import torch
+from tensordict import TensorDict
+
+from tests.graph.navigation.test_pose_navigator import POSES, go, make, reading
+from toponav import keys
+from toponav.graph import PractisingNavigator, SteeringSenses
+from toponav.modules import SteeringNetwork
+
+START = (6.9, 2.5, 10.0)
+
+
+def practising(controller=None, seed=0) -> PractisingNavigator:
+    """The navigator of the ring, made to practise."""
+    other = make(seed)
+    size = other.map.embeddings.shape[1]
+    actions = len(other.known.effects)
+    network = SteeringNetwork(size, SteeringSenses.size(actions), actions)
+    return PractisingNavigator(
+        map=other.map,
+        embed=other.embed,
+        compare=other.compare,
+        rules=other.rules,
+        known=other.known,
+        belief=other.belief_rules,
+        controller=controller or network,
+        seed=seed,
+    )
+
+
+def look(pose, *, begins) -> TensorDict:
+    """What it reads: no goal, and no reward."""
+    found = reading([pose], [(2.5, 9.1)], begins=begins)
+    return found.select(keys.PIXELS, keys.IS_INIT)
+
+
+def walk(navigator, decisions) -> list[TensorDict]:
+    """What it wrote in each decision."""
+    pose, found = START, []
+    for number in range(decisions):
+        data = navigator(look(pose, begins=number == 0))
+        found.append(data)
+        pose = go(pose, int(data[keys.ACTION]))
+    return found
+
+
+def test_it_reaches_its_targets_and_draws_others() -> None:
+    navigator = practising()
+    found = walk(navigator, 150)
+    reached = [bool(data[keys.REACHED]) for data in found]
+    # At most 22 steps round half of the ring and 18 turns: 40 decisions a target.
+    assert sum(reached) >= 3
+    ends = [int(data[keys.GOAL_NODE]) for data in found]
+    for number in (n for n, is_there in enumerate(reached) if is_there):
+        # It has a new target, and a path to it, in the same decision.
+        assert ends[number] != ends[number - 1]
+        assert ends[number] >= 0
+
+
+def test_progress_is_what_less_is_left() -> None:
+    found = walk(practising(), 120)
+    changes = [bool(data[keys.REACHED] | data[keys.GAVE_UP]) for data in found]
+    first = changes.index(True)
+    told = sum(float(data[keys.PROGRESS]) for data in found[1 : first + 1])
+    target = POSES[int(found[first - 1][keys.GOAL_NODE]), :2]
+    at_first = POSES[int(found[0][keys.PLACE]), :2]
+    # At least as far as the crow flies, but for the last step and its belief's errors.
+    assert told > float((target - at_first).norm()) - 2
+    assert float(found[0][keys.PROGRESS]) == 0
+
+
+def test_a_controller_without_practice_changes_nothing() -> None:
+    sensed = walk(practising(), 40)
+    plain = practising(lambda embedding, senses, free: free)
+    for one, other in zip(sensed, walk(plain, 40), strict=True):
+        assert int(one[keys.ACTION]) == int(other[keys.ACTION])
+        torch.testing.assert_close(one[keys.SENSES], other[keys.SENSES])
+
+
+def test_it_acts_as_its_controller_says() -> None:
+    always_left = practising(lambda embedding, senses, free: free * 0 + EAST)
+    assert {int(data[keys.ACTION]) for data in walk(always_left, 12)} == {1}
+
+
+#: Logits of the second action alone.
+EAST = torch.tensor([[0.0, 50.0, 0.0]])
+
+
+def test_a_target_that_it_cannot_reach_is_given_up() -> None:
+    on_the_spot = practising(lambda embedding, senses, free: free * 0 + EAST)
+    found = walk(on_the_spot, 202)
+    # 200 decisions without being there; it may begin beside its target.
+    assert any(bool(data[keys.GAVE_UP]) for data in found)
+
+
+def test_senses_are_seen_from_the_agent() -> None:
+    senses = SteeringSenses(1, 3, 2)
+    found = senses(
+        torch.tensor([[1.0, 1.0, 90.0]]),  # it looks along y
+        torch.tensor([0.5]),
+        torch.tensor([[[1.0, 9.0]]]),
+        torch.tensor([[5.0, 1.0]]),
+        torch.tensor([True]),
+        torch.tensor([2]),
+        torch.tensor([[3.0, 4.0]]),
+        torch.tensor([[-1.0, -1.5, -9.0]]),
+    )[0]
+    # Points 1, 2, 3.5, 5 and 7 steps along the path are ahead; the aim, 4 to the east,
+    # is to the right. A fourth of a step counts, up to 2.
+    ahead = torch.tensor([1.0, 2.0, 3.5, 5.0, 7.0, 0.0]) / 4
+    torch.testing.assert_close(found[:6], ahead, atol=1e-5, rtol=0)
+    left = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+    torch.testing.assert_close(found[6:12], left, atol=1e-5, rtol=0)
+    # At its end; moved by sqrt(2) from the start; the view is all new; spread.
+    felt = torch.tensor([1.0, 2**0.5, 1.0, 0.5])
+    torch.testing.assert_close(found[12:16], felt)
+    # The last action; the second is half a decision worse, the third 2 at most.
+    assert found[16:].tolist() == [0, 0, 1, 0, -0.5, -2]
+    assert len(found) == SteeringSenses.size(3)
