@@ -75,6 +75,8 @@ class GoalSearch:
         self.generator = generator
         #: float32 ``[N, K, 2]``.
         self.points = torch.zeros(num_agents, _POINTS, 2)
+        # How much they count as one, [N, K, K].
+        self._alike = _alike(self.points)
         # What is known of each for this episode, and since the agent last started.
         self._likely = torch.ones(num_agents, _POINTS)
         self._left = torch.ones(num_agents, _POINTS)
@@ -88,6 +90,7 @@ class GoalSearch:
         drawn = torch.randn(len(agents), _POINTS, 2, generator=self.generator)
         drawn[:, :_FAR] *= _FARTHER
         self.points[agents] = goal.unsqueeze(1) + drawn * self.rules.search
+        self._alike[agents] = _alike(self.points[agents])
         self._likely[agents] = 1
         self._left[agents] = 1
 
@@ -101,6 +104,7 @@ class GoalSearch:
         here = position.unsqueeze(1) + drawn * self.rules.reach
         points = torch.cat([self.points[:, :-_PAID], here], 1)
         self.points = torch.where(agents[:, None, None], points, self.points)
+        self._alike[agents] = _alike(self.points[agents])
         gap = (self.points - position.unsqueeze(1)).norm(dim=2)
         # Poses are mistaken now and then: each time has a vote, and rules nothing out.
         vote = (-0.5 * (gap / self.rules.reach).square()).exp()
@@ -132,9 +136,8 @@ class GoalSearch:
 
     def _best(self, pose: Tensor, looks: Tensor) -> Tensor:
         """The points around which most is left, those on the way before others."""
-        alike = torch.cdist(self.points, self.points) / _ALIKE
         left = (self._likely * self._left).unsqueeze(2)
-        around = ((-0.5 * alike.square()).exp() @ left).squeeze(2)
+        around = (self._alike @ left).squeeze(2)
         gap = self.points - pose[:, None, :2]
         bearing = torch.atan2(gap[..., 1], gap[..., 0]).rad2deg()
         off = ((bearing - pose[:, 2:] + 180) % 360 - 180).abs()
@@ -153,3 +156,9 @@ class GoalSearch:
         share_left = (self._likely * left).sum(1) / self._likely.sum(1)
         left[share_left < _BEGIN_AGAIN] = 1
         self._left = torch.where(agents.unsqueeze(1), left, self._left)
+
+
+def _alike(points: Tensor) -> Tensor:
+    """How much points ``[N, K, 2]`` count as one, ``[N, K, K]``."""
+    found: Tensor = (-0.5 * (torch.cdist(points, points) / _ALIKE).square()).exp()
+    return found

@@ -25,9 +25,8 @@ _AROUND, _AGREE, _BESIDE = 5.0, 3.0, 2.5
 #: What a turn counts beside a step to say at which waypoint an agent is; steps from the
 #: end of its path from which it is there.
 _DIRECTION, _THERE = 0.2, 1.0
-#: Of the poses that an agent may have, those that say how much is left of its path, and
-#: how many waypoints beside each.
-_ASKED, _BESIDE_POSE = 16, 4
+#: Of the poses that an agent may have, those that say how much is left of its path.
+_ASKED = 16
 #: Decisions that are left at least.
 _LEAST = 0.1
 #: Share of the way to what it aims at where an agent that is stuck could not pass.
@@ -241,11 +240,10 @@ class PoseNavigator(Navigator):
         left, too, as long as it is not paid there.
         """
         cost = self.plans.cost(place)
-        poses = self.belief.poses[:, :_ASKED, :2].flatten(0, 1)
-        number = min(_BESIDE_POSE, len(self.known.track))
-        away, nodes = torch.cdist(poses, self.known.track).topk(number, largest=False)
-        left = self.plans.costs.gather(1, nodes.view(len(place), -1)).view_as(away)
-        least = (left + away).amin(1).view(len(place), -1)
+        away = torch.cdist(self.belief.poses[:, :_ASKED, :2], self.known.track)
+        left = self.plans.costs.float().unsqueeze(1) + away
+        # Farther ones may be behind walls.
+        least = left.masked_fill(away > _BESIDE, torch.inf).amin(2)
         known = least.isfinite()
         mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
         return torch.where(mean.isfinite(), mean, cost).clamp(min=_LEAST)
@@ -258,7 +256,11 @@ class PoseNavigator(Navigator):
         self._tried = torch.cat([self._tried[:, 1:], ahead.unsqueeze(1)], 1)
         closed_ends = torch.full((len(place), 2), -1)
         starts, ends = self.known.track[self.map.edges].unbind(1)
-        for agent in stuck.nonzero().flatten().tolist():
+        # Who looks for its goal in vain may be somewhere else, and closes nothing.
+        self.belief.forget(stuck & self._ends)
+        for agent in (stuck & self._ends).nonzero().flatten().tolist():
+            self.progress.give_up(agent)
+        for agent in (stuck & ~self._ends).nonzero().flatten().tolist():
             node, *_ = self.progress.give_up(agent)
             # Of all that it tried, as its pose may have been wrong for a while.
             tried = self._tried[agent]
@@ -270,8 +272,6 @@ class PoseNavigator(Navigator):
             else:
                 found = node, self.plans.close_edge(agent, node)
             closed_ends[agent] = torch.tensor(found)
-        # Who looked for its goal in vain may be somewhere else.
-        self.belief.forget(stuck & self._ends)
         return closed_ends
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:

@@ -1,0 +1,61 @@
+"""The practise recipe, run as its users run it."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from PIL import Image
+
+from tests.explored import make_run
+from tests.forked import run_forked
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("explored") / "run"
+    make_run(folder, poses=True)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_practice_leaves_a_controller_that_navigation_takes(run: Path) -> None:
+    words = [f"run={run}", "scale=smoke", "hydra.run.dir=practice"]
+    done = run_forked("practise", *words, cwd=run)
+    assert done.returncode == 0, done.stderr
+    assert "controller of 128 decisions written to" in done.stdout
+    table = pd.read_csv(run / "practice" / "practice.csv")
+    # 128 decisions in batches of 2 mazes and 32 decisions.
+    assert table["decisions"].tolist() == [64, 128]
+    assert {"progress", "reached", "given up", "entropy"} <= set(table.columns)
+    assert min(Image.open(run / "practice" / "practice.png").size) > 200
+    words = [f"run={run}", "scale=smoke", "navigator=poses", "hydra.run.dir=tour"]
+    words += ["navigator.practised=practice", "evaluate.policies=[navigator]"]
+    done = run_forked("navigate", *words, cwd=run)
+    assert done.returncode == 0, done.stderr
+    assert len(pd.read_csv(run / "tour" / "summary.csv")) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["practise", "navigator=topological"],
+            "navigator must be poses, which alone can practise, got topological",
+        ),
+        (
+            ["practise", "maze.goal=true"],
+            "maze.goal must be false: targets are the map's own, got True",
+        ),
+        (
+            ["navigate", "navigator=poses", "navigator.practised=nowhere"],
+            "navigator.practised must name a run with controller.pt, got "
+            "nowhere/controller.pt",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(run: Path, words: list[str], said: str) -> None:
+    recipe, *overrides = words
+    done = run_forked(recipe, f"run={run}", "scale=smoke", *overrides, cwd=run)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
