@@ -21,7 +21,6 @@ from toponav.graph.map_file import (
 )
 from toponav.graph.navigation import (
     BeliefRules as BeliefRules,
-    GoalSearch as GoalSearch,
     Localiser as Localiser,
     Locomotion as Locomotion,
     Map as Map,
@@ -32,7 +31,6 @@ from toponav.graph.navigation import (
     PoseMap as PoseMap,
     PoseNavigator as PoseNavigator,
     PractisingNavigator as PractisingNavigator,
-    SearchRules as SearchRules,
     SteeringSenses as SteeringSenses,
     to_the_middle as to_the_middle,
     walking_costs as walking_costs,

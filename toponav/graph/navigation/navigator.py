@@ -172,11 +172,10 @@ class Navigator(TensorDictModuleBase):
         if self.goal_reward is not None:
             reward = data[self.in_keys[3]].reshape(-1).cpu()
             moved = begins | (reward >= self.goal_reward)
-        self._arrive(moved & ~begins)
         self._restart(moved)
 
         place = self._locate(embedding, data)
-        changed = moved | self.plans.pass_decision() | self.goals.wait(place)
+        changed = begins | self.plans.pass_decision() | self.goals.wait(place)
         self.plans.plan(changed.nonzero().flatten().tolist())
         self.progress.restart(changed)
         place, target = self._aim(place, embedding)
@@ -213,9 +212,6 @@ class Navigator(TensorDictModuleBase):
     def _find_goals(self, agents: Tensor, embedding: Tensor) -> None:
         """Choose the waypoints that stand for goal views ``[n, V, D]`` of n agents."""
         self.goals.begin(agents, embedding, self.localiser)
-
-    def _arrive(self, agents: Tensor) -> None:
-        """These agents, bool ``[N]``, have just been paid for their goals."""
 
     def _restart(self, agents: Tensor) -> None:
         """These agents, bool ``[N]``, have been put elsewhere."""

@@ -8,13 +8,12 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torch.nn.functional import one_hot
 
-from toponav.graph.navigation.goal_search import GoalSearch, SearchRules
 from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
 from toponav.graph.navigation.path_following import aim_along, edges_through, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
 from toponav.graph.navigation.steering_senses import SteeringSenses
-from toponav.graph.poses import decisions_apart, fastest_turn, moved
+from toponav.graph.poses import decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
 from toponav.parts import require_parts
@@ -22,13 +21,13 @@ from toponav.parts import require_parts
 #: Decisions around the most likely waypoint of a goal view that say where it is, steps
 #: up to which goal views agree, and from there to waypoints that stand for the goal.
 _AROUND, _AGREE, _BESIDE = 5.0, 3.0, 2.5
-#: What a turn counts beside a step to say at which waypoint an agent is; steps from the
-#: end of its path from which it is there.
-_DIRECTION, _THERE = 0.2, 1.0
-#: Of the poses that an agent may have, those that say how much is left of its path.
-_ASKED = 16
-#: Decisions that are left at least.
-_LEAST = 0.1
+#: What a turn counts beside a step to say at which waypoint an agent is; steps from a
+#: place at which it is reached, and share of the decisions at a goal's end of a path in
+#: which it looks for the goal somewhere else.
+_DIRECTION, _THERE = 0.2, 0.7
+_TIRED = 0.1
+#: Steps from the end of its path from which it looks for its goal.
+_LOOKS = 1.0
 #: Share of the way to what it aims at where an agent that is stuck could not pass.
 _AHEAD = 0.7
 #: Steps up to which another waypoint may stand for one that has no path left.
@@ -58,8 +57,7 @@ class PoseNavigator(Navigator):
     2. *aim*: at the point of the path that is ``ahead`` steps away (`aim_along`), and
        act by the pose alone (`steer`);
     3. *goal*: where most of the goal's views agree that it is. There the agent searches
-       around, as its goal is a little beside it, and remembers where it was paid
-       (`GoalSearch`).
+       around, as its goal is a little beside it.
 
     An agent that comes no nearer to its goal closes all edges through one place at
     once, since what it cannot pass there, no other edge passes: the place that was
@@ -75,7 +73,7 @@ class PoseNavigator(Navigator):
         known: poses, effects and place network.
         belief: how poses are followed.
         ahead: steps from the agent to the point of its path that it aims at.
-        search: where it looks for the goal.
+        search: standard deviation, in steps, of where it looks for the goal.
         controller: corrects what steering in free space says of each action: embeddings
             ``[N, D]``, `SteeringSenses` ``[N, S]`` and logits ``[N, A]`` to logits, as
             `SteeringNetwork` does; ``None`` for none.
@@ -93,7 +91,7 @@ class PoseNavigator(Navigator):
         known: PoseMap,
         belief: BeliefRules,
         ahead: float = 3.5,
-        search: SearchRules | None = None,
+        search: float = 0.8,
         block_within: float | None = None,
         controller: Callable[[Tensor, Tensor, Tensor], Tensor] | None = None,
         goal_reward: float | None = None,
@@ -123,21 +121,22 @@ class PoseNavigator(Navigator):
             raise ValueError(f"{rule}, got {number} poses")
         self.known = known
         self.belief_rules = belief
-        self.search_rules = search or SearchRules()
-        self.ahead, self.block_within = ahead, block_within
+        self.ahead, self.search, self.block_within = ahead, search, block_within
         self.controller = controller
         self.turn = fastest_turn(known.effects)
 
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
         super()._resize(num_agents, num_goal_views, length)
         poses, effects = self.known.poses, self.known.effects
-        draws, rules = self.generator, self.belief_rules
+        rules, draws = self.belief_rules, self.generator
         self.belief = PoseBelief(poses, effects, rules, num_agents, draws)
         self._pose = torch.zeros(num_agents, 3)
         self._aims = torch.zeros(num_agents, 2)
         self._points, self._ends = self._aims.unsqueeze(1), self._aims[:, 0] > 0
         self.senses = SteeringSenses(num_agents, len(effects), length)
-        self.search = GoalSearch(num_agents, self.search_rules, draws, turn=self.turn)
+        # Where each agent's goal is, and how far from there it looks for it now.
+        self._goal = torch.zeros(num_agents, 2)
+        self._aside = torch.zeros(num_agents, 2)
         # What was ahead in the last decisions, [N, block_after, 2].
         self._tried = torch.zeros(num_agents, self.rules.block_after or 1, 2)
 
@@ -147,12 +146,7 @@ class PoseNavigator(Navigator):
         agree = gaps < _AGREE
         most = agree.sum(2).argmax(1)
         chosen = agree[torch.arange(len(agents)), most].unsqueeze(2)
-        self.search.begin(agents, (seen * chosen).sum(1) / chosen.sum(1))
-        self._put_goals(agents, embedding)
-
-    def _put_goals(self, agents: Tensor, embedding: Tensor) -> None:
-        """Take the waypoints around where goals seem to be as what stands for them."""
-        goal = self.search.estimate()[agents]
+        goal = (seen * chosen).sum(1) / chosen.sum(1)
         away = torch.cdist(goal, self.known.poses[:, :2])
         number = min(embedding.shape[1], away.shape[1])
         nearest, nodes = away.topk(number, largest=False)
@@ -161,6 +155,7 @@ class PoseNavigator(Navigator):
         # As many as there are views; of a smaller map, the last one again.
         fill = [*range(number), *[number - 1] * (embedding.shape[1] - number)]
         self.goals.put(agents, embedding, nodes[:, fill], counts[:, fill])
+        self._goal[agents] = goal
 
     def _see(self, embedding: Tensor) -> Tensor:
         """Where views ``[n, D]`` are, by themselves, in steps ``[n, 2]``."""
@@ -171,19 +166,10 @@ class PoseNavigator(Navigator):
         chance = chance * near
         return chance @ poses[:, :2] / chance.sum(1, keepdim=True)
 
-    def _arrive(self, agents: Tensor) -> None:
-        if not agents.any():
-            return
-        # Its last action led it there.
-        effects = self.known.effects[self.sampler.last_action]
-        self.search.found(agents, moved(self._pose, effects)[:, :2])
-        numbers = agents.nonzero().flatten()
-        self._put_goals(numbers, self.goals.embeddings[numbers])
-
     def _restart(self, agents: Tensor) -> None:
         super()._restart(agents)
         self.belief.forget(agents)
-        self.search.restart(agents)
+        self._aside[agents] = 0
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
         if self.place_key is None:
@@ -222,45 +208,33 @@ class PoseNavigator(Navigator):
         path = self.plans.ahead(place, self.rules.lookahead)
         position, points = self._pose[:, :2], self.known.track[path]
         aim = aim_along(position, points, ahead=self.ahead)
+        goal = self._goal + self._aside
         ends = aim.is_end & (self.plans.cost(path[:, -1]) == 0)
-        goal = self.search.aim(self._pose, looks=ends)
+        # It looks elsewhere once it is there, and now and then: walls may be between.
+        tired = torch.rand(len(ends), generator=self.generator) < _TIRED
+        there = (goal - position).norm(dim=1) < _THERE
+        aside = torch.randn(self._aside.shape, generator=self.generator) * self.search
+        again = (ends & (there | tired)).unsqueeze(1)
+        self._aside = torch.where(again, aside, self._aside)
         self._aims = torch.where(ends.unsqueeze(1), goal, aim.point)
         self._points, self._ends = points, ends
-        # What it aims at lies on the way to this waypoint, or, at the end, beside it.
+        # What it aims at lies on the way to this waypoint; where it looks for its goal,
+        # it is at the goal's waypoint.
         onward = aim.passed.clamp(max=path.shape[1] - 1).unsqueeze(1)
         target = path.gather(1, onward).squeeze(1)
-        there = ends & ((points[:, -1] - position).norm(dim=1) < _THERE)
-        target = torch.where(there, place, target)
+        looks = ends & ((points[:, -1] - position).norm(dim=1) < _LOOKS)
+        target = torch.where(looks, place, target)
         return place, target.masked_fill(place < 0, -1)
-
-    def _to_go(self, place: Tensor) -> Tensor:
-        """Decisions that are left, ``[N]``: the mean over poses that each may have.
-
-        Where no pose has a path, as from ``place``. At the goal's waypoint something is
-        left, too, as long as it is not paid there.
-        """
-        cost = self.plans.cost(place)
-        away = torch.cdist(self.belief.poses[:, :_ASKED, :2], self.known.track)
-        left = self.plans.costs.float().unsqueeze(1) + away
-        # Farther ones may be behind walls.
-        least = left.masked_fill(away > _BESIDE, torch.inf).amin(2)
-        known = least.isfinite()
-        mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
-        return torch.where(mean.isfinite(), mean, cost).clamp(min=_LEAST)
 
     def _give_up(self, place: Tensor) -> Tensor:
         if self.block_within is None:
             return super()._give_up(place)
-        stuck = self.progress.watch(place, self._to_go(place))
+        stuck = self.progress.watch(place, self.plans.cost(place))
         ahead = torch.lerp(self._pose[:, :2], self._aims, _AHEAD)
         self._tried = torch.cat([self._tried[:, 1:], ahead.unsqueeze(1)], 1)
         closed_ends = torch.full((len(place), 2), -1)
         starts, ends = self.known.track[self.map.edges].unbind(1)
-        # Who looks for its goal in vain may be somewhere else, and closes nothing.
-        self.belief.forget(stuck & self._ends)
-        for agent in (stuck & self._ends).nonzero().flatten().tolist():
-            self.progress.give_up(agent)
-        for agent in (stuck & ~self._ends).nonzero().flatten().tolist():
+        for agent in stuck.nonzero().flatten().tolist():
             node, *_ = self.progress.give_up(agent)
             # Of all that it tried, as its pose may have been wrong for a while.
             tried = self._tried[agent]

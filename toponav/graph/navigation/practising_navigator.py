@@ -12,6 +12,9 @@ from toponav.graph.navigation.pose_navigator import PoseNavigator
 
 #: Steps from a waypoint at which it is reached, and decisions until it is given up.
 _THERE, _LATE = 1.0, 200
+#: Of the poses that an agent may have, those that say how much is left of its path, and
+#: steps up to which waypoints beside them do: farther ones may be behind walls.
+_ASKED, _BESIDE = 16, 2.5
 
 
 class PractisingNavigator(PoseNavigator):
@@ -20,7 +23,7 @@ class PractisingNavigator(PoseNavigator):
     Its targets are waypoints of its map, drawn uniformly. Once it believes to be there,
     or after a while, it draws the next one. Nobody tells it its pose, shows it a goal,
     or pays it: its progress is how much less is left of its path than in the decision
-    before, by its own poses, as a `PoseNavigator` notices that it is stuck.
+    before, by the mean over poses that it may have.
 
     Beside what a navigator writes, it writes what its controller reads and how it came
     along since the decision before: `keys.EMBEDDING`, `keys.SENSES`,
@@ -62,7 +65,8 @@ class PractisingNavigator(PoseNavigator):
         nodes = torch.randint(self.map.num_waypoints, shape, generator=self.generator)
         embedding = self.map.embeddings[nodes].float()
         self.goals.put(numbers, embedding, nodes, torch.ones_like(nodes).bool())
-        self.search.begin(numbers, self.known.poses[nodes.squeeze(1), :2])
+        self._goal[numbers] = self.known.poses[nodes.squeeze(1), :2]
+        self._aside[numbers] = 0
         self.plans.open_all(agents)
         self.plans.plan(numbers.tolist())
         self.progress.restart(agents)
@@ -70,7 +74,7 @@ class PractisingNavigator(PoseNavigator):
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
         place = super()._locate(embedding, data)
-        left = self._to_go(place).float()
+        left = self._to_go(place)
         progress = (self._left - left).nan_to_num(0.0, 0.0, 0.0)
         self._since += 1
         target = self.known.poses[self.goals.nodes[:, 0], :2]
@@ -84,8 +88,20 @@ class PractisingNavigator(PoseNavigator):
         self._left = left
         if (done := reached | late).any():
             self._choose(done)
-            self._left = torch.where(done, self._to_go(place).float(), left)
+            self._left = torch.where(done, self._to_go(place), left)
         return place
+
+    def _to_go(self, place: Tensor) -> Tensor:
+        """Decisions that are left, ``[N]``: the mean over poses that each may have.
+
+        Where none of them has a path, as from ``place``.
+        """
+        away = torch.cdist(self.belief.poses[:, :_ASKED, :2], self.known.track)
+        left = self.plans.costs.float().unsqueeze(1) + away
+        least = left.masked_fill(away > _BESIDE, torch.inf).amin(2)
+        known = least.isfinite()
+        mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
+        return torch.where(mean.isfinite(), mean, self.plans.cost(place).float())
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:
         logits = super()._steer(here, there)

@@ -23,7 +23,6 @@ from toponav.graph import (
     PoseMap,
     PoseNavigator,
     PractisingNavigator,
-    SearchRules,
     to_the_middle,
     walking_costs,
 )
@@ -38,7 +37,6 @@ class PosesConfig(NavigatorConfig):
 
     ahead: float = above(0)
     search: float = above(0)
-    reach: float = above(0)
     practised: str | None = MISSING
     width: float = above(0)
     lookahead: int = MISSING
@@ -64,10 +62,6 @@ class PosesConfig(NavigatorConfig):
         with refusing("navigator."):
             self.rules()
             self.belief()
-
-    def searching(self) -> SearchRules:
-        """Where it looks for its goal."""
-        return SearchRules(search=self.search, reach=self.reach)
 
     def rules(self) -> NavigatorRules:
         """The navigator's rules. Poses say where it is: similarities do not matter."""
@@ -148,7 +142,7 @@ def _arguments(
         ),
         "belief": config.belief(),
         "ahead": config.ahead,
-        "search": config.searching(),
+        "search": config.search,
         "block_within": config.block_within,
     }
 
