@@ -2,14 +2,15 @@
 
     python benchmarks/main_rows.py runs/explore/maze1-... --out results/main_rows.csv
 
-Coverage is in % of the maze, of the policies that the run evaluated at its end.
-Decisions to 90 % are of the episodes that reached it; of the policy that the run kept
-(``kept``) also with those that missed it, as if they had reached it at their end.
-Minutes are those of the phases. The map is that of the last row of ``map.csv``, and
-``networks`` the maze that the networks were trained in. Beside ``decisions_to_cover``,
-the decisions of the run until its map covered every cell, stand those of random walks
-in its place (mean of three seeds): until the agents that feed the map have seen every
-cell, in decisions of all agents.
+Coverage by the name of a policy (``best``, ``last``, ...) is in % of the maze, of those
+that the run evaluated at its end. Decisions to 90 % are of the episodes that reached
+it; of the policy that the run kept (``kept``) also with those that missed it, as if
+they had reached it at their end. Minutes are those of the phases. ``networks`` is the
+maze that the networks were trained in. The map is that of the last row of ``map.csv``,
+and ``coverage`` the share of the cells, in [0, 1], in which one of its waypoints lies.
+Beside ``decisions_to_cover``, the decisions of the run until its map covered every
+cell, stand those of random walks in its place (mean of three seeds): until the agents
+that feed the map have seen every cell, in decisions of all agents.
 """
 
 import argparse
@@ -28,8 +29,9 @@ from toponav.keys import CELL
 from toponav.policies import RandomPolicy
 
 MAP = (
-    *("first_waypoint_share", "last_waypoint_share", "false_edges", "false_paths"),
-    *("missing_edges", "true_components", "stretch", "decisions_to_cover"),
+    *("coverage", "first_waypoint_share", "last_waypoint_share", "false_edges"),
+    *("false_paths", "missing_edges", "true_components", "stretch"),
+    "decisions_to_cover",
 )
 
 

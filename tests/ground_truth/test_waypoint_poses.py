@@ -4,6 +4,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from tests.refused import refused
 from toponav.ground_truth import WaypointPoses
 
 
@@ -44,3 +45,8 @@ def test_after_a_merge_the_first_of_each_is_where_it_is() -> None:
     poses = WaypointPoses(torch.arange(12.0).reshape(4, 3))
     poses.merge(torch.tensor([0, 1, 0, 1]))
     assert poses.values.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_a_batch_without_positions_is_refused_in_words() -> None:
+    said = refused(lambda: WaypointPoses().remember(TensorDict(batch_size=[2, 3])))
+    assert "position" in said

@@ -1,0 +1,16 @@
+"""Every benchmark can be loaded: what it imports is still there."""
+
+import pytest
+
+from tests.benchmarks.loading import FOLDER, load_benchmark
+
+SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
+
+
+def test_the_benchmarks_are_found() -> None:
+    assert {"coverage", "explore_speed"} <= set(SCRIPTS)
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_benchmark_imports(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert callable(load_benchmark(name, monkeypatch).main)
