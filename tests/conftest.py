@@ -13,6 +13,7 @@ import torch
 from hypothesis import settings
 
 from tests.explored import Explored, make_run, navigate_settings
+from tests.stand_in_device import NAME, StandInDevice
 from toponav.builders import load_exploration
 from toponav.envs.engines.doom import instances
 
@@ -25,6 +26,19 @@ settings.load_profile("toponav")
 #: its session: all fit on most machines, and a slower one names those that it left out.
 _SLOW_START_WITHIN_S = 570
 _BEGAN = time.monotonic()
+#: Names of devices that are not the processor.
+DEVICES = [
+    NAME,
+    pytest.param(
+        "cuda",
+        marks=[
+            pytest.mark.gpu,
+            pytest.mark.skipif(
+                not torch.cuda.is_available(), reason="needs a CUDA device"
+            ),
+        ],
+    ),
+]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -40,6 +54,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 def _is_slow(item: pytest.Item) -> bool:
     return item.get_closest_marker("slow") is not None
+
+
+@pytest.fixture(params=DEVICES)
+def device(request: pytest.FixtureRequest) -> Iterator[str]:
+    """The name of a device that is not the processor."""
+    if request.param == NAME:
+        with StandInDevice():
+            yield NAME
+    else:
+        yield request.param
 
 
 @pytest.fixture(scope="module")

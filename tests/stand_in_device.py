@@ -5,7 +5,8 @@
 runs a script in which ``cpu:1`` is a device of its own, as far as a script can tell: a
 tensor made there or moved there says so, and an operation on tensors of two devices is
 refused wherever a GPU would refuse it. It computes on the processor. Other processes
-that the script starts know no such device, as they know no GPU here.
+that the script starts know no such device, as they know no GPU here, unless they enter
+it (`tests/stand_in_workers.py`). `HostWaits` tells where a GPU would be waited for.
 """
 
 import runpy
@@ -15,13 +16,14 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves, tree_map
 
 NAME = "cpu:1"
 DEVICE = torch.device(NAME)
 #: Operations that may see two devices: copies from one to the other.
-_COPIES = {"aten._to_copy", "aten.copy_", "aten._copy_from"}
+_COPIES = {"aten._to_copy", "aten.copy_", "aten._copy_from", "aten._foreach_copy_"}
 #: Lengths, the second argument and the second result, lie on the processor always.
 _PACKING = ("aten._pack_padded_sequence", "aten._pad_packed_sequence")
 #: Operations whose indices may lie on the processor, the others on the device.
@@ -32,6 +34,17 @@ _INDEXING = {
     "aten._index_put_impl_",
     "aten._unsafe_index_put",
 }
+#: Operations whose results the host must know, be it only their size.
+_READING = {
+    "aten._local_scalar_dense",
+    "aten.equal",
+    "aten.masked_select",
+    "aten.nonzero",
+    "aten._unique2",
+    "aten.unique_dim",
+}
+#: What notes them while it is entered.
+_watching: "HostWaits | None" = None
 
 
 class DeviceTensor(Tensor):
@@ -56,11 +69,13 @@ class DeviceTensor(Tensor):
         return f"{self.held!r} on {NAME}"
 
     def tolist(self):
+        _note("tolist")
         return self.held.tolist()
 
     def numpy(self, *, force: bool = False):
         if not force:
             raise TypeError(f"a tensor on {NAME} has no numpy(); copy it by cpu()")
+        _note("numpy")
         return self.held.numpy(force=True)
 
     def __array__(self, dtype=None):
@@ -102,9 +117,68 @@ class StandInDevice(TorchDispatchMode):
         return _run(func, args, kwargs or {})
 
 
+class HostWaits(TorchFunctionMode):
+    """Where a host with a GPU would wait for it, while this is entered: `names`.
+
+    That is where numbers are read, where a size depends on them, and at copies that are
+    not allowed to be under way (``non_blocking``).
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: list[str] = []
+
+    def __enter__(self):
+        self._watch(self)
+        return super().__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self._watch(None)
+        super().__exit__(*error)
+
+    def __torch_function__(self, func, types, args=(), kwargs=None):
+        if func is not torch.nn.functional.one_hot:
+            return func(*args, **(kwargs or {}))
+        # It looks at the numbers on the processor alone.
+        self._watch(None)
+        result = func(*args, **(kwargs or {}))
+        self._watch(self)
+        return result
+
+    @staticmethod
+    def _watch(who: "HostWaits | None") -> None:
+        global _watching
+        _watching = who
+
+
+def _note(name: str) -> None:
+    if _watching is not None:
+        _watching.names.append(name)
+
+
+def _must_wait(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bool:
+    """Whether the host waits for a GPU that is asked for this."""
+    if name == "aten._to_copy":
+        goes = kwargs.get("device") not in (None, args[0].device)
+        return goes and not kwargs.get("non_blocking")
+    if name in ("aten.copy_", "aten._foreach_copy_"):
+        is_async = kwargs.get("non_blocking") or args[2:] == (True,)
+        pairs = zip(*map(tree_leaves, args[:2]), strict=True)
+        goes = any(to.device != source.device for to, source in pairs)
+        return goes and not is_async
+    if not any(isinstance(one, DeviceTensor) for one in tree_leaves((args, kwargs))):
+        return False
+    masks = args[1] if name in _INDEXING else ()
+    return name in _READING or any(
+        one is not None and one.dtype in (torch.bool, torch.uint8) for one in masks
+    )
+
+
 def _run(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     """Compute on the processor; the result lies where it would lie on a GPU."""
     name = str(func).rpartition(".")[0]
+    if _watching is not None and _must_wait(name, args, kwargs):
+        _note(name)
     leaves = tree_leaves((args, kwargs))
     there = [leaf for leaf in leaves if isinstance(leaf, DeviceTensor)]
     asked: torch.device | None = kwargs.get("device")

@@ -5,7 +5,6 @@ On the stand-in device operations on tensors of two devices are refused, as on a
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +12,13 @@ import pytest
 import torch
 from torch import nn
 
+from tests.conftest import DEVICES
 from tests.exploring import explore_settings, make_batch, world_of
 from tests.forked import run_forked
 from tests.methods import test_nav_a3c, test_q_learners
 from tests.models import tiny_model
-from tests.stand_in_device import NAME, StandInDevice
+from tests.stand_in_device import NAME
+from tests.stand_in_workers import stand_in_workers
 from tests.training.pair_storage import WORLD, make_trainer, make_walks, pair_settings
 from tests.training.test_continued_training import CONFIG
 from tests.training.test_locomotion import SETTINGS, walks
@@ -34,30 +35,6 @@ from toponav.training import ContinuedTraining, LocomotionFinetuner
 from toponav.transforms import WaypointTruth
 
 ROOT = Path(__file__).parent.parent
-
-
-NAMES = [
-    NAME,
-    pytest.param(
-        "cuda",
-        marks=[
-            pytest.mark.gpu,
-            pytest.mark.skipif(
-                not torch.cuda.is_available(), reason="needs a CUDA device"
-            ),
-        ],
-    ),
-]
-
-
-@pytest.fixture(params=NAMES)
-def device(request: pytest.FixtureRequest) -> Iterator[str]:
-    """The name of a device that is not the processor."""
-    if request.param == NAME:
-        with StandInDevice():
-            yield NAME
-    else:
-        yield request.param
 
 
 def same(one: nn.Module, other: nn.Module) -> bool:
@@ -195,7 +172,7 @@ def test_the_truth_about_waypoints_stays_small_there(device: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", DEVICES)
 def test_recipes_run_there(name: str, tmp_path: Path) -> None:
     """Pre-training, a resume of it, another one from its networks; then exploring.
 
@@ -204,7 +181,7 @@ def test_recipes_run_there(name: str, tmp_path: Path) -> None:
 
     def run(recipe: str, *overrides: str) -> None:
         if name == NAME and recipe == "explore":
-            done = run_forked(recipe, *overrides, inside=StandInDevice())
+            done = run_forked(recipe, *overrides, inside=stand_in_workers())
         else:
             script = [str(ROOT / "tests/stand_in_device.py")] if name == NAME else []
             done = subprocess.run(

@@ -8,6 +8,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from toponav.modules import ResNet18, SmallEncoder
 from toponav.modules.encoders import box_downsample
+from toponav.modules.folding import FoldCache
 
 
 def pixels(*batch: int) -> torch.Tensor:
@@ -182,6 +183,19 @@ def test_weights_that_another_process_changes_are_not_stale() -> None:
         after = encoder(views)
     expected = embed_plainly(encoder, views)
     torch.testing.assert_close(after, expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(("is_cpu", "times"), [(True, 2), (False, 1)])
+def test_a_gpu_folds_once(
+    is_cpu: bool, times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of a GPU torch calls all tensors shared.
+    monkeypatch.setattr(torch.Tensor, "is_shared", lambda tensor: True)
+    monkeypatch.setattr(torch.Tensor, "is_cpu", is_cpu)
+    cache, layer, made = FoldCache(), torch.nn.Linear(2, 2), []
+    for _ in range(2):
+        cache.get(lambda: made.append(1) or [], layer)
+    assert len(made) == times
 
 
 def test_a_copy_folds_its_own_weights() -> None:

@@ -34,8 +34,10 @@ _ISA_WITHOUT_BF16 = {
 }
 
 
-def make_device(name: str) -> torch.device:
+def make_device(name: str, setting: str = "device") -> torch.device:
     """The device of a name of torch's, or of ``auto``: a GPU if there is one.
+
+    ``setting`` is what named it.
 
     Raises:
         SettingsError: if torch does not know the name, or has no such device.
@@ -51,7 +53,7 @@ def make_device(name: str) -> torch.device:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError) as error:
         raise SettingsError(
-            f"device must be auto, cpu or a GPU that this machine has, got '{name}'"
+            f"{setting} must be auto, cpu or a GPU that this machine has, got '{name}'"
         ) from error
     return device
 

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor, nn
+from torch.utils._pytree import tree_map_only
 from torchrl.collectors import Collector, MultiAsyncCollector
 
 from toponav.keys import ENV_ID
@@ -19,6 +20,7 @@ Shapes = dict[str, list[int]]
 
 # The stamp is odd while a publication is being written.
 _WRITING = 1
+_HERE = torch.device("cpu")
 
 
 class MailboxError(RuntimeError):
@@ -146,7 +148,8 @@ class Subscription:
 class MailboxCollector(Collector):
     """Collects with the weights that a `Mailbox` held when the rollout began.
 
-    Every batch ``[*B, T]`` is made by one version of each module and says by which.
+    Every batch ``[*B, T]`` is made by one version of each module and says by which. It
+    is on the processor, wherever environments and policy are.
     Give it as ``collector_class`` to TorchRL's multi-process collectors, with their own
     way of sharing switched off: ``weight_sync_schemes={"policy":
     NoWeightSyncScheme()}``.
@@ -194,6 +197,8 @@ class MailboxCollector(Collector):
         collected = super().rollout()
         if self._batch is None or not self._use_buffers:
             self._batch = self._make_batch(collected)
+        elif not self._is_here:
+            self._batch.update_(self._kept(collected))
         for one in self.subscriptions:
             self._batch.get(one.version_key).fill_(self.versions[one.name])
         return self._batch
@@ -205,7 +210,7 @@ class MailboxCollector(Collector):
             return None
         weights = dict(transform.named_parameters())
         kept = {k: v for k, v in transform.state_dict().items() if k not in weights}
-        return {
+        state = {
             "games": games.running_episodes(),
             "transforms": kept,
             "carried": self._carrier.to_dict(),
@@ -213,6 +218,10 @@ class MailboxCollector(Collector):
             "versions": dict(self.versions),
             "generator": torch.get_rng_state(),
         }
+        if (device := self.env.device).type == "cuda":
+            state["cuda_generator"] = torch.cuda.get_rng_state(device)
+        # It goes to another process, which may have another device.
+        return tree_map_only(Tensor, Tensor.cpu, state)  # type: ignore[no-any-return]
 
     def resume_episodes(self, state: Mapping[str, Any]) -> None:
         """Continue from what an identical collector's `running_episodes` returned."""
@@ -225,16 +234,28 @@ class MailboxCollector(Collector):
             if one.refresh and self.versions[one.name] != state["versions"][one.name]:
                 one.refresh(self)
         torch.set_rng_state(state["generator"])
+        if (device := self.env.device).type == "cuda" and "cuda_generator" in state:
+            torch.cuda.set_rng_state(state["cuda_generator"], device)
 
     def _make_batch(self, collected: TensorDictBase) -> TensorDictBase:
         shape = collected.batch_size
-        batch = collected.select(*self.keep) if self.keep else collected.copy()
+        batch = self._kept(collected)
+        if not self._is_here:
+            batch = batch.cpu()
         numbers = torch.arange(max(shape[:-1].numel(), 1)).reshape(*shape[:-1], 1, 1)
         numbers = self.first_env_id + numbers.expand(*shape, 1)
         batch.set(ENV_ID, numbers.contiguous())
         for one in self.subscriptions:
             batch.set(one.version_key, torch.zeros(*shape, 1, dtype=torch.int64))
         return batch
+
+    def _kept(self, collected: TensorDictBase) -> TensorDictBase:
+        return collected.select(*self.keep) if self.keep else collected.copy()
+
+    @property
+    def _is_here(self) -> bool:
+        """Whether rollouts are in this process's own memory, not in a device's."""
+        return bool(self.env.device == _HERE)
 
 
 class PatientAsyncCollector(MultiAsyncCollector):

@@ -31,7 +31,7 @@ class StaggeredEpisodes(Transform):
         return self.left
 
     def set_extra_state(self, state: Tensor) -> None:
-        self.left = state
+        self.left = state.to(self.left.device)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

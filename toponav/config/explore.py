@@ -46,6 +46,7 @@ class ExploreCollectConfig(Settings):
     group = "collect"
     backend: str = one_of("local", "ray")
     mode: str = one_of("async", "sync")
+    device: str | None = MISSING
     decisions: int = at_least(1)
     minutes: float | None = above(0)
     workers: int = at_least(1)
@@ -57,6 +58,9 @@ class ExploreCollectConfig(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_multiple("collect.envs", self.envs, "collect.workers", self.workers)
+        here = self.backend == "local" or self.device in (None, "cpu")
+        rule = "collect.device must be null or cpu with collect.backend=ray"
+        require(here, rule, f"'{self.device}'")
 
 
 @dataclass
@@ -212,6 +216,13 @@ class ExploreConfig(Settings):
             name = "online.ahead / (2 * collect.envs)"
             rooms[name] = self.online.ahead // (2 * self.collect.envs)
         self.pairs.check_room(rooms, self.pairs.m)
+
+    @property
+    def collect_device(self) -> str:
+        """Where the networks of collecting processes are, which may be ``auto``."""
+        # Ray hides the GPUs of its machines from processes that ask for none.
+        usual = "cpu" if self.collect.backend == "ray" else self.device
+        return self.collect.device or usual
 
     def maps_by_poses(self, *, effects_known: bool) -> bool:
         """Whether the map is made again by poses, which needs actions' effects."""

@@ -172,7 +172,8 @@ class MazeEnv(EnvBase):
         for key, entry in entries.items():
             tensor = torch.from_numpy(entry if self.batch_size else entry[0])
             dtype = torch.float32 if tensor.is_floating_point() else tensor.dtype
-            source[key] = tensor.to(self.device, dtype)
+            # Nobody writes to what was given, so that a copy to a GPU may be under way.
+            source[key] = tensor.to(self.device, dtype, non_blocking=True)
         return TensorDict._new_unsafe(source, self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:

@@ -164,7 +164,8 @@ class _PixelEnv(EnvBase):
         )
         if self._position:
             data[POSITION] = torch.from_numpy(self._places)
-        return data.to(self.device)
+        # Nobody writes to these arrays again, so that a copy to a GPU may be under way.
+        return data.to(self.device, non_blocking=True)
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         for env in self._envs:

@@ -25,7 +25,7 @@ from toponav.runs import (
 _NOT_RESULTS = frozenset(
     (
         *("resume", "threads", "device", "collect.max_idle_s", "pretraining.folder"),
-        *("collect.backend", "ray.address"),
+        *("collect.backend", "collect.device", "ray.address"),
         *("report.every", "report.pictures_every_s", "report.save_every_s"),
         *("evaluate.random_folder", "train.threads", "train.save_every_s"),
     )

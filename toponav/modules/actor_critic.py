@@ -220,7 +220,9 @@ class ActorCritic(TensorDictModuleBase):
         logits = self.actor(output)
         log_probs = F.log_softmax(logits.float(), -1)
         if exploration_type() in (None, ExplorationType.RANDOM):
-            action = torch.multinomial(log_probs.exp(), 1)
+            # What torch.multinomial does, which first waits for a GPU to look at them.
+            waits = torch.empty_like(log_probs).exponential_()
+            action = (log_probs.exp() / waits).argmax(-1, keepdim=True)
         else:
             action = log_probs.argmax(-1, keepdim=True)
         log_prob = log_probs.gather(-1, action)

@@ -75,8 +75,9 @@ class FoldCache:
         now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
         if now != self._made_from:
             self._folds, self._made_from = make(), now
-            # Another process can change shared tensors unseen.
-            if any(tensor.is_shared() for tensor in tensors):
+            # Another process can change shared tensors unseen. Torch calls all of a
+            # GPU shared, where these are copies of this process alone.
+            if any(tensor.is_cpu and tensor.is_shared() for tensor in tensors):
                 self._made_from = []
         return self._folds
 

@@ -30,6 +30,7 @@ from toponav.training.explore_collector import (
 )
 from toponav.training.explore_worker import (
     make_worker_env as make_worker_env,
+    make_worker_policy as make_worker_policy,
     prepare_worker as prepare_worker,
 )
 from toponav.training.explorer import (

@@ -18,8 +18,11 @@ from toponav.collectors import (
     RayMailbox,
 )
 from toponav.config import ExploreConfig
-from toponav.methods import LEARNERS
-from toponav.training.explore_worker import make_worker_env, prepare_worker
+from toponav.training.explore_worker import (
+    make_worker_env,
+    make_worker_policy,
+    prepare_worker,
+)
 from toponav.training.explorer import Explorer
 
 
@@ -72,7 +75,7 @@ def make_explore_collector(
         keep=keep,
         decisions=decisions,
     )
-    policy = partial(LEARNERS[settings.loss.name].make_policy, settings, world)
+    policy = partial(make_worker_policy, settings, world)
     frames = collect.envs * settings.loss.rollout
     if collect.mode == "async":
         frames //= collect.workers

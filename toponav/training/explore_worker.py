@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from tensordict import NestedKey
+from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
@@ -15,12 +16,14 @@ from toponav.builders import (
     NETWORKS,
     POLICY,
     World,
+    make_device,
     prepare_process,
     seed_of,
 )
 from toponav.collectors import Mailbox, RayMailbox, Subscription
 from toponav.config import ExploreConfig
 from toponav.keys import EMBEDDING, NETWORK_PIXELS, PIXELS
+from toponav.methods import LEARNERS
 from toponav.training.explorer import Explorer, make_explore_env, make_explorer
 
 
@@ -29,6 +32,12 @@ def make_worker_env(settings: ExploreConfig, **arguments: Any) -> EnvBase:
     stagger = settings.collect.stagger
     env = make_explore_env(settings, stagger=stagger, teach=True, **arguments)
     return env.append_transform(ExcludeTransform(PIXELS))
+
+
+def make_worker_policy(settings: ExploreConfig, world: World) -> TensorDictModuleBase:
+    """The policy of one collecting process, to be filled."""
+    policy = LEARNERS[settings.loss.name].make_policy(settings, world)
+    return policy.to(make_device(settings.collect_device, "collect.device"))
 
 
 def prepare_worker(
@@ -51,14 +60,22 @@ def prepare_worker(
     again = (start,) if start else ()
     seed = seed_of(settings.seed, decisions, worker_idx, *again)
     prepare_process(threads=1, seed=seed)
-    explorer = make_explorer(settings, world, mailbox.names, mailbox.pull)
+    device = make_device(settings.collect_device, "collect.device")
+    fill = mailbox.pull
+    explorer = make_explorer(settings, world, mailbox.names, fill, device=device)
     return {
+        # All of a rollout is there; what leaves this process is copied at its end.
+        "device": device,
+        # Or TorchRL takes a stream of a GPU that waits for nothing done before it, such
+        # as these weights.
+        "no_cuda_sync": True,
         "create_env_kwargs": {
             "settings": settings,
             "world": world,
             "explorer": explorer,
             "envs": settings.collect.envs // settings.collect.workers,
             "seed": seed,
+            "device": device,
         },
         "mailbox": mailbox,
         "subscriptions": _subscriptions(explorer),

@@ -16,6 +16,7 @@ from toponav.builders import (
     Novelty,
     RewardMethod,
     World,
+    for_inference,
     make_empty_novelty,
 )
 from toponav.collectors import Mailbox, RayMailbox, StaggeredEpisodes
@@ -66,15 +67,22 @@ def make_explorer(
     world: World,
     names: Collection[str],
     fill: Callable[[str, nn.Module], object],
+    *,
+    device: torch.device | str = "cpu",
 ) -> Explorer:
     """An explorer like that of another process, whose modules have these ``names``.
 
-    ``fill`` puts that process's weights into each module.
+    ``fill`` puts that process's weights into each module, on ``device`` and in the
+    precision to use it in there.
     """
     policy = LEARNERS[settings.loss.name].make_policy(settings, world)
     explorer = Explorer(policy, make_reward(settings, world, None), None)
     if explorer.novelty is None and NETWORKS in names:
         explorer.novelty = make_empty_novelty(settings.model, world.spec)
+    for module in explorer.modules().values():
+        module.to(device)
+    if explorer.novelty is not None:
+        for_inference(explorer.novelty, settings.model)
     for name, module in explorer.modules().items():
         fill(name, module)
     return explorer
@@ -106,11 +114,13 @@ def make_explore_env(
     seed: int,
     stagger: bool = False,
     teach: bool = False,
+    device: torch.device | str = "cpu",
 ) -> EnvBase:
     """A batch of environments with everything that the explorer and its log read.
 
     Ground truth (coverage, spurious waypoints, poses) is there for the log alone; no
-    network reads a privileged key. The explorer's networks must be in ``eval()`` mode.
+    network reads a privileged key. The explorer's networks must be in ``eval()`` mode
+    and on ``device``, where all tensors go as soon as the engines have drawn.
     ``stagger`` cuts the first episodes at different lengths. ``teach`` adds what the
     learner's losses alone read; its policy does not.
 
@@ -124,7 +134,7 @@ def make_explore_env(
         seed=seed,
         privileged=world.spec.has_positions,
         senses=[*learner.senses, *(learner.taught if teach else ())],
-    )
+    ).to(device)
     reward, novelty = explorer.reward, explorer.novelty
     transforms: list[Transform] = []
     # The views: with noise if it is wanted, the policy's copy, the networks' copy.

@@ -39,6 +39,7 @@ def require_explore_room(settings: ExploreConfig, world: World, folder: Path) ->
         SettingsError: that names the setting, and the folder if there is one.
     """
     make_device(settings.device)
+    make_device(settings.collect_device, "collect.device")
     needed = REWARDS[settings.reward.name].needs_networks
     has_networks = needed or settings.pretrained is not None
     settings = settings.resolved(settings.model if has_networks else None)

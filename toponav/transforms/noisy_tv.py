@@ -165,7 +165,7 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
         corners = flat[:, : 2 * height, : 2 * width]
         corners = corners.unflatten(2, (2, width)).unflatten(1, (2, height))
         corners = corners.movedim(3, 2)
-        noise = noise.to(views.device)
+        noise = noise.to(views.device, non_blocking=True)
         if self.scale == "quadrant":
             down = torch.arange(height, device=views.device) * self.size // height
             right = torch.arange(width, device=views.device) * self.size // width

@@ -205,7 +205,8 @@ class RandomReward(SeededMixin, KeyedTransform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         drawn = torch.rand(*next_tensordict.batch_size, 1, generator=self.generator)
-        return next_tensordict.set(self.out_keys[0], drawn.to(next_tensordict.device))
+        drawn = drawn.to(next_tensordict.device, non_blocking=True)
+        return next_tensordict.set(self.out_keys[0], drawn)
 
     def transform_reward_spec(self, reward_spec: Composite) -> Composite:
         shape, device = (*reward_spec.shape, 1), reward_spec.device

@@ -8,17 +8,16 @@ from torchrl.data import Composite, Unbounded
 from toponav import keys
 from toponav.keys import read_entry
 from toponav.transforms.specs import (
+    GrowingSlots,
     KeyedTransform,
     Keys,
-    ResizableBuffers,
     find_spec,
-    grow_slots,
     require_reset,
     restarting_rows,
 )
 
 
-class PlacesVisited(ResizableBuffers, KeyedTransform):
+class PlacesVisited(GrowingSlots, KeyedTransform):
     """Counts the places that an env has been to in this episode, the first included.
 
     A place is a square of the floor. It is what can be said of a world that reports
@@ -77,12 +76,11 @@ class PlacesVisited(ResizableBuffers, KeyedTransform):
     ) -> TensorDictBase:
         position = tensordict[self.in_keys[0]]
         square = (position / self.size).floor().long().reshape(-1, 2)
-        num_used = max(self.num_places.tolist())
-        same = (self.squares[:, :num_used] == square.unsqueeze(1)).all(-1)
-        slot = torch.arange(num_used, device=square.device)
+        self._make_room("squares", self.num_places)
+        same = (self.squares == square.unsqueeze(1)).all(-1)
+        slot = torch.arange(self.squares.shape[1], device=square.device)
         known = (same & (slot < self.num_places.unsqueeze(-1))).any(-1)
         is_new = ~known & rows
-        self.squares = grow_slots(self.squares, num_used + 1)
         at = (torch.arange(len(square), device=square.device), self.num_places)
         kept = torch.where(is_new.unsqueeze(-1), square, self.squares[at])
         self.squares[at] = kept

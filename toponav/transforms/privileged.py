@@ -10,11 +10,11 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from toponav import keys
 from toponav.keys import read_entry
 from toponav.transforms.specs import (
+    GrowingSlots,
     KeyedTransform,
     Keys,
     ResizableBuffers,
     find_spec,
-    grow_slots,
     require_reset,
     restarting_rows,
 )
@@ -153,7 +153,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
         return reward_spec.set(self.out_keys[1], spec)
 
 
-class WaypointTruth(ResizableBuffers, KeyedTransform):
+class WaypointTruth(GrowingSlots, KeyedTransform):
     """Marks *spurious* waypoints: an earlier one of the episode is near, heading alike.
 
     The similarity has failed to recognise the place. It reads privileged keys and is
@@ -227,15 +227,13 @@ class WaypointTruth(ResizableBuffers, KeyedTransform):
         position, heading, flag = entries
         pose = torch.cat([position, heading], -1).reshape(-1, 3)
         is_new = flag.reshape(-1) & rows
-        num_used = max(self.num_waypoints.tolist())
-        earlier = self.poses[:, :num_used]
-        slot = torch.arange(num_used, device=pose.device)
-        apart = earlier - pose.unsqueeze(1)
+        self._make_room("poses", self.num_waypoints)
+        slot = torch.arange(self.poses.shape[1], device=pose.device)
+        apart = self.poses - pose.unsqueeze(1)
         near = apart[..., :2].norm(dim=-1) <= self.distance
         turned = ((apart[..., 2] + 180) % 360 - 180).abs() <= self.angle
         known = near & turned & (slot < self.num_waypoints.unsqueeze(-1))
         spurious = is_new & known.any(-1)
-        self.poses = grow_slots(self.poses, num_used + 1)
         place = (torch.arange(len(pose), device=pose.device), self.num_waypoints)
         self.poses[place] = torch.where(is_new.unsqueeze(-1), pose, self.poses[place])
         self.num_waypoints = self.num_waypoints + is_new

@@ -140,6 +140,31 @@ class ResizableBuffers:
         super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
 
 
+class GrowingSlots(ResizableBuffers):
+    """Mixin of transforms that keep ever more of each episode."""
+
+    # Decisions for which there is room, whatever happens in them.
+    _spare = 0
+
+    def _make_room(self, name: str, used: Tensor) -> None:
+        """Let the buffer ``[N, A, ...]`` have a free slot wherever ``used [N]`` are.
+
+        They are counted on the host only when a row may be full: that waits for a GPU.
+        """
+        if self._spare == 0:
+            most = max(used.tolist(), default=0)
+            larger = grow_slots(getattr(self, name), most + 1)
+            setattr(self, name, larger)
+            self._spare = larger.shape[1] - most
+        self._spare -= 1
+
+    def _load_from_state_dict(
+        self, state_dict: Mapping[str, Any], prefix: str, *args: Any
+    ) -> None:
+        super()._load_from_state_dict(state_dict, prefix, *args)
+        self._spare = 0
+
+
 def require_reset(known: Sequence[int], given: Sequence[int]) -> None:
     """Refuse a step of other envs than those of the last reset, or before any."""
     if tuple(known) != tuple(given):

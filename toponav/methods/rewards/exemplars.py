@@ -107,11 +107,10 @@ class AmortisedExemplars(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Bonuses, ``[*B, *shape]`` to ``[*B]``; 0 until the first fit."""
         batch = batch_of(observation, self.shape)
-        if not self.fitted:
-            return torch.zeros(batch, device=observation.device)
         flat = observation.reshape(-1, *self.shape)
         logits = torch.cat([self.logit(piece) for piece in flat.split(_CHUNK)])
-        return (logits - self.median).reshape(batch)
+        # Not asked whether it is fitted: that would wait for a GPU.
+        return ((logits - self.median) * self.fitted).reshape(batch)
 
     def logit(self, observation: Tensor) -> Tensor:
         """Of the probability that an observation is itself, ``[N]``, by mean codes."""

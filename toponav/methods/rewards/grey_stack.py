@@ -33,6 +33,8 @@ class GreyStack(Transform):
         tensor([  0,   0, 200], dtype=torch.uint8)
     """
 
+    luma: Tensor
+
     def __init__(
         self, size: tuple[int, int], frames: int, *, channels: ChannelOrder = "HWC"
     ) -> None:
@@ -40,6 +42,7 @@ class GreyStack(Transform):
         if frames < 1:
             raise ValueError(f"frames must be at least 1, got {frames}.")
         self.frames = frames
+        self.register_buffer("luma", torch.tensor(LUMA), persistent=False)
         self.shrink = PolicyPixels(size, channels=channels)
 
     def _step(
@@ -62,7 +65,8 @@ class GreyStack(Transform):
         channels = self.shrink.channels
         small = self.shrink._apply_transform(read_entry(following, PIXELS))
         small = channels_last(small, channels).float()
-        grey = small @ torch.tensor(LUMA, device=small.device)
+        self.luma = self.luma.to(small.device)
+        grey = small @ self.luma
         newest = grey.round().to(torch.uint8).unsqueeze(-1)
         stack = torch.cat([channels_last(earlier, channels)[..., 1:], newest], -1)
         return following.set(FRAME_STACK, as_given(stack, channels).contiguous())

@@ -94,9 +94,10 @@ class BayesianDynamics(nn.Module):
         Observations are ``[*B, *shape]``, actions numbers ``[*B]`` or one-hot ``[*B,
         A]``.
         """
-        if self.medians.isnan().all():
-            return torch.zeros(batch_of(before, self.shape), device=action.device)
-        return self.gain(before, action, after) / self.scale
+        # Not asked whether there was a batch, but divided by infinity before the first
+        # one: to ask would wait for a GPU.
+        scale = self.scale.nan_to_num(torch.inf)
+        return self.gain(before, action, after) / scale
 
     @property
     def scale(self) -> Tensor:
