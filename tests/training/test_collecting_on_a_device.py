@@ -160,7 +160,6 @@ def test_the_host_waits_for_three_things_in_each_decision(
 
     more = waits(32)
     more.subtract(waits(16))
-    print(more)
     # In 16 decisions: actions for the engines (a list), and whether an episode ended,
     # which TorchRL asks twice (a number each). Once in 16 the memory is checked (three
     # numbers) and its waypoints counted (a list), as spurious ones are, at most twice.

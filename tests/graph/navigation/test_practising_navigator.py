@@ -53,7 +53,7 @@ def test_it_reaches_its_targets_and_draws_others() -> None:
     assert sum(reached) >= 3
     ends = [int(data[keys.GOAL_NODE]) for data in found]
     numbers = [number for number, is_there in enumerate(reached) if is_there]
-    # It has a new target, and a path to it, in the same decision; one in 80 is the last.
+    # It has a new target and a path to it in the same decision; one in 80 is the last.
     assert sum(ends[n] != ends[n - 1] for n in numbers) >= len(numbers) - 1
     assert min(ends) >= 0
 
