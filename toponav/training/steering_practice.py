@@ -80,10 +80,13 @@ class SteeringPractice:
             normalize_advantage=True,
             functional=False,
         )
-        names = ("action", "sample_log_prob", "value", "advantage", "value_target")
-        own = (keys.ACTION, keys.ACTION_LOG_PROB, keys.STATE_VALUE)
-        own += (keys.ADVANTAGE, keys.VALUE_TARGET)
-        self.loss.set_keys(**dict(zip(names, own, strict=True)))
+        self.loss.set_keys(
+            action=keys.ACTION,
+            sample_log_prob=keys.ACTION_LOG_PROB,
+            value=keys.STATE_VALUE,
+            advantage=keys.ADVANTAGE,
+            value_target=keys.VALUE_TARGET,
+        )
         self.optimizer = torch.optim.Adam(self.loss.parameters(), lr=rules.lr)
 
     def extend(self, batch: TensorDictBase) -> dict[str, float]:
