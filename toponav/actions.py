@@ -1,8 +1,41 @@
-"""`as_numbers`: actions as the parts of this package count them."""
+"""Actions as the parts of this package count them."""
 
 from collections.abc import Sequence
 
+from tensordict import NestedKey
 from torch import Tensor
+from torchrl.data import (
+    Binary,
+    Categorical,
+    MultiCategorical,
+    MultiOneHot,
+    OneHot,
+    TensorSpec,
+)
+
+#: Kinds of TorchRL's whose classes are among those of one choice.
+_SEVERAL_CHOICES = (Binary, MultiCategorical, MultiOneHot)
+
+
+def count_actions(spec: TensorSpec, key: NestedKey) -> int:
+    """How many actions an env has.
+
+    Args:
+        spec: of its action.
+        key: of the action, for the sentence.
+
+    Raises:
+        ValueError: unless an action is one choice of several.
+
+    Examples:
+        >>> count_actions(OneHot(4), "action"), count_actions(Categorical(3), "action")
+        (4, 3)
+    """
+    is_one = isinstance(spec, (Categorical, OneHot))
+    if not is_one or isinstance(spec, _SEVERAL_CHOICES):
+        rule = f"{key!r} must be one choice of several (Categorical or OneHot)"
+        raise ValueError(f"{rule}, got {type(spec).__name__}")
+    return int(spec.space.n)
 
 
 def as_numbers(

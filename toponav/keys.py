@@ -191,8 +191,10 @@ _PRIMER = "the policy's make_tensordict_primer()"
 _CHUNKS = "a replay buffer with EpisodeSampler(Chunks())"
 _PAIRS = "pairs of MinedPairs or DrawnPairs"
 _TRUTH = "MazeEnv(privileged=True)"
+_REWARD = "IntrinsicReward, or name the task's reward by in_keys=['reward']"
 #: What writes an entry, where that helps who lacks it.
 WRITERS: dict[NestedKey, str] = {
+    PIXELS: "views (GymEnv has some with from_pixels=True)",
     NETWORK_PIXELS: "AreaDownsample",
     POLICY_PIXELS: "PolicyPixels",
     EMBEDDING: "WaypointMemory or EmbedViews",
@@ -200,6 +202,9 @@ WRITERS: dict[NestedKey, str] = {
     OTHER: _PAIRS,
     PREVIOUS_ACTION: "PreviousAction",
     PREVIOUS_REWARD: "PreviousReward",
+    COUNT_REWARD: "CountReward",
+    TEMPORAL_DISTANCE_REWARD: "TemporalDistanceReward",
+    INTRINSIC_REWARD: _REWARD,
     FRAME_STACK: "GreyStack",
     GOAL_VIEWS: "GoalViews",
     LOOP_CLOSED: "LoopClosure",

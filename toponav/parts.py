@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from torch import Tensor
+
 
 def require_parts(part: object, name: str, like: str, *wanted: str) -> None:
     """TypeError unless an object has what is asked of it.
@@ -34,6 +36,31 @@ def require_callables(**functions: Any) -> None:
         if given is not None and not callable(given):
             got = type(given).__name__
             raise TypeError(f"{name} must be a function or a network, got {got}")
+
+
+def require_returned(name: str, found: Any, **sizes: int | None) -> None:
+    """ValueError unless a function that was handed in returned a tensor of a shape.
+
+    Args:
+        name: of the argument that the function was given as.
+        found: what it returned.
+        sizes: of its dimensions, by their letters; ``None`` takes any.
+
+    Examples:
+        >>> import torch
+        >>> require_returned("embed", torch.zeros(2, 8), N=2, D=None)
+        >>> require_returned("embed", torch.zeros(2, 4, 6), N=2, D=None)
+        Traceback (most recent call last):
+        ValueError: embed must return [N, D], got [2, 4, 6] for N = 2
+    """
+    if isinstance(found, Tensor) and len(sizes) == found.ndim:
+        pairs = zip(sizes.values(), found.shape, strict=True)
+        if all(size in (None, given) for size, given in pairs):
+            return
+    got = list(found.shape) if isinstance(found, Tensor) else type(found).__name__
+    known = [f"{one} = {size}" for one, size in sizes.items() if size is not None]
+    rule = f"{name} must return [{', '.join(sizes)}]"
+    raise ValueError(f"{rule}, got {got} for {' and '.join(known)}")
 
 
 def needs_env(transform: object) -> NotImplementedError:

@@ -54,13 +54,14 @@ def cut_pieces(
 ) -> list[Piece]:
     """Cut a batch ``[E, T]`` where episodes end or agents are put elsewhere.
 
-    Rows that are ``whole`` episodes need no done flag and no number of an environment.
+    Rows that are ``whole`` episodes need no done flag and no number of an environment;
+    they are cut where the number of the trajectory changes, too.
     ``turns`` are degrees to the left, of each action ``[A]``; actions are then read,
     as they are ``with_actions``.
     """
     images, env_id = data.get(names.views, None), data.get(names.env_id, None)
     if env_id is None and not whole:
-        raise _missing(f"{names.env_id!r}", data)
+        raise _missing(data, env_id=names.env_id)
     envs = [0] * len(data) if env_id is None else env_id[:, 0].flatten().tolist()
     ends = _ends(data, names, goal_reward, whole)
     has_actions = with_actions or turns is not None
@@ -94,7 +95,7 @@ def read_embeddings(
         made: Tensor = embed(images.flatten(0, 1).cpu()).unflatten(0, data.shape)
         return made
     if embeddings is None:
-        raise _missing(f"{names.embedding!r} or {names.views!r}", data)
+        raise _missing(data, embedding=names.embedding, views=names.views)
     raise ValueError(
         f"batches of other networks must have {names.views!r} to embed again, got "
         f"version {int(version.flatten()[0])} and not {network_version}"
@@ -110,11 +111,15 @@ def _ends(
     if done is not None:
         ends |= done.reshape(*data.shape, -1).any(-1).cpu()
     elif not whole:
-        raise _missing(f"{('next', names.done)}", data)
+        raise _missing(data, done=unravel_key(("next", names.done)))
     if reward is not None and goal_reward is not None:
         ends |= (reward >= goal_reward).reshape(*data.shape, -1).any(-1).cpu()
     if whole:
         ends[:, -1] = True
+        trajectory = data.get(keys.TRAJECTORY, None)
+        if trajectory is not None:
+            number = trajectory.reshape(data.shape).cpu()
+            ends[:, :-1] |= number[:, 1:] != number[:, :-1]
     return ends
 
 
@@ -122,11 +127,17 @@ def _actions(data: TensorDictBase, names: MapKeys, turns: Tensor | None) -> Tens
     """Numbers of the actions, int64 ``[E, T]``."""
     action = data.get(names.action, None)
     if action is None:
-        raise _missing(f"{names.action!r}", data)
+        raise _missing(data, action=names.action)
     number = None if turns is None else len(turns)
     return as_numbers(action, data.shape, number).cpu()
 
 
-def _missing(wanted: str, data: TensorDictBase) -> ValueError:
-    found = [str(name) for name in data.keys(True)]
-    return ValueError(f"batches must have {wanted}, got {found}")
+def _missing(data: TensorDictBase, **wanted: NestedKey) -> ValueError:
+    """The sentence for a batch that has none of these entries."""
+    rule = " or ".join(repr(key) for key in wanted.values())
+    writers = [keys.WRITERS[key] for key in wanted.values() if key in keys.WRITERS]
+    hints = [f"add {writer}" for writer in writers]
+    names = ", ".join(f"{name}=..." for name in wanted)
+    hints.append(f"another key is named by set_keys({names})")
+    found = [str(name) for name in data.keys(True, True)]
+    return ValueError(f"batches must have {rule} ({'; '.join(hints)}), got {found}")

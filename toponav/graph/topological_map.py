@@ -120,6 +120,9 @@ class TopologicalMap:
 
     def set_keys(self, **keys: NestedKey) -> None:
         """Change the keys that are read of a batch, by the names of `MapKeys`."""
+        known = list(vars(self.keys))
+        if unknown := [name for name in keys if name not in known]:
+            raise ValueError(f"set_keys must name some of {known}, got {unknown[0]!r}")
         self.keys = replace(self.keys, **keys)
 
     @property
@@ -153,7 +156,9 @@ class TopologicalMap:
     def add_episode(self, data: TensorDictBase) -> Tensor:
         """Add a complete episode ``[T >= 1]``; the waypoints of its observations.
 
-        Those that a full map has no waypoint for have -1.
+        Those that a full map has no waypoint for have -1. A flat batch of several
+        episodes, ``[E * T]``, is cut where ``("next", "done")`` or the collectors'
+        ``("collector", "traj_ids")`` say that one ends.
         """
         if data.batch_dims != 1 or not len(data):
             raise ValueError(f"an episode must be [T >= 1], got {list(data.shape)}")
@@ -167,7 +172,9 @@ class TopologicalMap:
         embeddings of another ``network_version`` are made again from the views.
         """
         if data.batch_dims != 2 or not data.shape[1]:
-            raise ValueError(f"batches must be [E, T >= 1], got {list(data.shape)}")
+            way = "rows that lie one after the other are batch.reshape(E, -1)"
+            got = f"{list(data.shape)}: {way}"
+            raise ValueError(f"batches must be [E, T >= 1], got {got}")
         before = self.num_waypoints
         self.discovery.add(self._read(data, whole=False))
         return self.num_waypoints - before

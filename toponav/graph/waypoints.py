@@ -9,6 +9,7 @@ from torch import Tensor
 
 from toponav.graph.growing_rows import GrowingRows
 from toponav.graph.views import Views, ViewsInMemory
+from toponav.parts import require_returned
 
 Embed = Callable[[Tensor], Tensor]
 Compare = Callable[[Tensor, Tensor], Tensor]
@@ -140,7 +141,11 @@ class Waypoints:
     @torch.no_grad()
     def embed(self, views: Tensor) -> Tensor:
         """Embeddings of views ``[N, H, W, C]``, float32 ``[N, D]``."""
-        parts = [self._embed(some).float() for some in views.split(_VIEWS)]
+        parts = []
+        for some in views.split(_VIEWS):
+            part = self._embed(some)
+            require_returned("embed", part, N=len(some), D=None)
+            parts.append(part.float())
         embeddings = torch.cat(parts)
         check_finite(embeddings)
         return embeddings
@@ -172,7 +177,12 @@ class Waypoints:
         """Compare ``[N, D]`` with ``[N, M, P]`` in calls of bounded size."""
         rows = max(_PAIRS // max(prepared.shape[1], 1), 1)
         chunks = zip(embeddings.split(rows), prepared.split(rows), strict=True)
-        found = torch.cat([self._compare(one, many).float() for one, many in chunks])
+        parts = []
+        for one, many in chunks:
+            part = self._compare(one, many)
+            require_returned("compare", part, N=len(one), M=many.shape[1])
+            parts.append(part.float())
+        found = torch.cat(parts)
         if found.numel():
             low, high = (float(end) for end in found.aminmax())
             # A comparison with NaN is false.

@@ -13,6 +13,7 @@ from torchrl.envs.transforms import TensorDictPrimer
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from toponav import keys
+from toponav.actions import count_actions
 from toponav.keys import read_entry
 from toponav.modules.encoders import start_orthogonal
 from toponav.modules.policy_trunks import EmbeddingTrunk, PixelTrunk
@@ -96,7 +97,7 @@ class StatePrimer(TensorDictPrimer):
             found = list(specs.keys(True, True))
             raise ValueError(f"the env must have {keys.ACTION!r}, got {found}.")
         spec = specs[keys.ACTION]
-        wanted = getattr(spec.space, "n", None), isinstance(spec, OneHot)
+        wanted = count_actions(spec, keys.ACTION), isinstance(spec, OneHot)
         if (self.num_actions, self.one_hot) != wanted:
             # TorchRL's GymEnv takes numbers only if it is told so.
             hint = " (or categorical_action_encoding=True of the env)"
@@ -105,6 +106,9 @@ class StatePrimer(TensorDictPrimer):
                 f"{type(spec).__name__}{hint if wanted[1] else ''}, got "
                 f"{(self.num_actions, self.one_hot)}."
             )
+        if not self.one_hot and spec.shape != self.parent.batch_size:
+            rule = f"the env's actions must be numbers {list(self.parent.batch_size)}"
+            raise ValueError(f"{rule}, got {list(spec.shape)}.")
         return super().transform_observation_spec(observation_spec)
 
 

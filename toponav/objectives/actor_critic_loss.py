@@ -194,18 +194,32 @@ def read_entry(
     key: NestedKey,
     name: str,
     shape: tuple[int, ...] | None = None,
+    *,
+    named_by: str | None = None,
 ) -> Tensor:
-    """An entry that a loss needs; KeyError if it is missing."""
+    """An entry that a loss needs; KeyError if it is missing.
+
+    The sentence says what names another key, ``set_keys`` unless ``named_by`` is given.
+    """
     entry: Tensor | None = tensordict.get(key, None)
     if entry is None:
         raise KeyError(
             f"the tensordict must have {key!r}, the key of {name} (another is named by "
-            f"set_keys({name}=...)), got {sorted(map(str, tensordict.keys()))}."
+            f"{named_by or f'set_keys({name}=...)'}), got {_beside(tensordict, key)}."
         )
     if shape is not None and entry.shape != shape:
         shapes = f"{list(shape)}, got {list(entry.shape)}"
         raise ValueError(f"{key!r}, the key of {name}, must have the shape {shapes}.")
     return entry
+
+
+def _beside(tensordict: TensorDictBase, key: NestedKey) -> list[str]:
+    """What is there in place of an entry, such as all that is under ``"next"``."""
+    above = key[:-1] if isinstance(key, tuple) else ()
+    inner = tensordict.get(above, None) if above else tensordict
+    if not isinstance(inner, TensorDictBase):
+        above, inner = (), tensordict
+    return sorted(str((*above, name) if above else name) for name in [*inner.keys()])
 
 
 def under_next(key: NestedKey) -> NestedKey:

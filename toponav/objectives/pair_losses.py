@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, Never, cast
 
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, dispatch
@@ -40,6 +40,12 @@ class PairLoss(LossModule):
             network = TensorDictModule(network, [ANCHOR, OTHER], [predicted])
         self.network = network
         self.reduction = "mean"
+
+    def make_value_estimator(self, value_type: Any = None, **hyperparams: Any) -> Never:
+        """NotImplementedError: pairs of views have no rewards."""
+        name, given = type(self).__name__, {"value_type": value_type} | hyperparams
+        rule = f"{name} must go without a value estimator, as it reads no reward"
+        raise NotImplementedError(f"{rule}, got {given}.")
 
     @property
     def in_keys(self) -> list[NestedKey]:

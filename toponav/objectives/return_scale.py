@@ -5,6 +5,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from toponav import keys
 from toponav.keys import DONE, ENV_ID, INTRINSIC_REWARD, SCALED_REWARD
 from toponav.objectives.actor_critic_loss import read_entry
 
@@ -78,14 +79,23 @@ class ReturnScale(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Count a batch ``[E, T]`` and write its scaled rewards, ``[E, T, 1]``."""
         if tensordict.ndim != 2:
-            got = list(tensordict.shape)
-            raise ValueError(f"batches must be [E, T], a row an env, got {got}.")
+            raise ValueError(
+                "batches must be [E, T], a row an env, got "
+                f"{list(tensordict.shape)}: give one row as batch.unsqueeze(0), and "
+                "rows that lie one after the other as batch.reshape(E, -1)."
+            )
         reward_key, done_key = self.in_keys
-        reward = read_entry(tensordict, reward_key, "reward")
+        reward = read_entry(
+            tensordict,
+            reward_key,
+            "reward",
+            (*tensordict.shape, 1),
+            named_by="ReturnScale(reward=...)",
+        )
         if not self.enabled:
             return tensordict.set(self.out_keys[0], reward.clone())
         shape = tensordict.batch_size
-        done = read_entry(tensordict, done_key, "done").reshape(shape)
+        done = keys.read_entry(tensordict, done_key).reshape(shape)
         envs = self._envs(tensordict)
         self._count(self._returns(reward.reshape(shape).double(), done, envs))
         scaled = reward / self.deviation.clamp_min(1e-4)

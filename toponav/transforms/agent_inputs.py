@@ -10,7 +10,7 @@ from torch import Tensor
 from torchrl.data import Bounded, Categorical, Composite, Unbounded
 
 from toponav import keys
-from toponav.actions import as_numbers
+from toponav.actions import as_numbers, count_actions
 from toponav.keys import read_entry
 from toponav.transforms.specs import (
     KeyedTransform,
@@ -61,9 +61,9 @@ class PreviousAction(KeyedTransform):
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         key = self.in_keys[0]
         action = find_spec(self.parent.full_action_spec, key, kind="an action")
-        if (space := getattr(action.space, "n", None)) != self.num_actions:
+        if (number := count_actions(action, key)) != self.num_actions:
             raise ValueError(
-                f"num_actions must be that of {key!r}, {space}, got {self.num_actions}"
+                f"num_actions must be that of {key!r}, {number}, got {self.num_actions}"
             )
         shape, device = (*observation_spec.shape, 1), observation_spec.device
         spec = Categorical(self.num_actions + 1, shape, device)
@@ -106,7 +106,8 @@ class PreviousReward(KeyedTransform):
             shape, device = tensordict_reset.batch_size, tensordict_reset.device
             start = torch.zeros(*shape, 1, device=device)
         else:
-            start = self.parent.full_reward_spec[self.in_keys[0]].zero()
+            specs = self.parent.full_reward_spec
+            start = find_spec(specs, self.in_keys[0], kind="a reward").zero()
         return tensordict_reset.set(self.out_keys[0], start)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:

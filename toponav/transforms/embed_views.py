@@ -9,7 +9,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
-from toponav.parts import require_callables
+from toponav.parts import require_callables, require_returned
 from toponav.transforms.specs import Keys, ViewTransform
 from toponav.views import ChannelOrder, check_views
 
@@ -107,9 +107,7 @@ class ViewSimilarity:
         if views.shape not in self._lengths:
             embedding = embed_one(self.embed, views)
             similarity = self.compare(embedding, self.entries(embedding).unsqueeze(1))
-            if similarity.shape != (1, 1):
-                got = f"{list(similarity.shape)} for N = 1 and M = 1"
-                raise ValueError(f"compare must return [N, M], got {got}")
+            require_returned("compare", similarity, N=1, M=1)
             self._lengths[views.shape] = embedding.shape[-1]
         return self._lengths[views.shape]
 
@@ -118,7 +116,5 @@ class ViewSimilarity:
 def embed_one(embed: Embed, views: TensorSpec) -> Tensor:
     """The embedding ``[1, D]`` of a black view; ValueError if it has another shape."""
     embedding = embed(views.zero().reshape(-1, *views.shape[-3:])[:1])
-    if embedding.ndim != 2 or len(embedding) != 1:
-        got = f"{list(embedding.shape)} for N = 1"
-        raise ValueError(f"embed must return [N, D], got {got}")
+    require_returned("embed", embedding, N=1, D=None)
     return embedding

@@ -11,7 +11,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare
-from toponav.parts import require_parts
+from toponav.parts import require_parts, require_returned
 
 # Comparisons of one call at most, so that a large map needs little memory.
 _AT_ONCE = 1 << 16
@@ -123,7 +123,9 @@ class Localiser:
     def similarity(self, embedding: Tensor, nodes: Tensor) -> Tensor:
         """Similarity of views ``[n, D]`` to waypoints ``[n, M]``, on the CPU."""
         prepared = self.map.prepared.to(embedding.device)[nodes.to(embedding.device)]
-        return self.compare(embedding, prepared).float().cpu()
+        found = self.compare(embedding, prepared)
+        require_returned("compare", found, N=nodes.shape[0], M=nodes.shape[1])
+        return found.float().cpu()
 
     def _around(self, node: int) -> Tensor:
         """The waypoint and those at most ``hops`` edges away, int64 ``[M]``."""

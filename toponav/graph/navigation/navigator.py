@@ -17,7 +17,7 @@ from toponav.graph.navigation.progress import EdgeProgress, Progress
 from toponav.graph.navigation.sampler import ActionSampler
 from toponav.graph.rules import MapRules, NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
-from toponav.parts import require_callables, require_parts
+from toponav.parts import require_callables, require_parts, require_returned
 
 #: Embeddings here and there, ``[N, D]`` each, to logits of the actions ``[N, A]``.
 Locomotion = Callable[[Tensor, Tensor], Tensor]
@@ -162,7 +162,11 @@ class Navigator(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         data = keys.select_entries(tensordict, self.in_keys).reshape(-1)
         views, goal_views, is_init = (data[key] for key in self.in_keys[:3])
-        embedding = self.embed(views).float()
+        if goal_views.shape[:1] + goal_views.shape[2:] != views.shape:
+            one = ", ".join(map(str, views.shape[1:]))
+            rule = f"{self.in_keys[1]!r} must be V views of each agent, [*B, V, {one}]"
+            raise ValueError(f"{rule}, got [*B, {str([*goal_views.shape[1:]])[1:]}")
+        embedding = self._embed_all(views)
         begins = is_init.reshape(-1).cpu()
         if self._made_for != (len(data), self.map.version):
             self._resize(len(data), goal_views.shape[1], embedding.shape[1])
@@ -200,12 +204,18 @@ class Navigator(TensorDictModuleBase):
             tensordict.set(key, value.reshape(*shape, 1).to(device))
         return tensordict
 
+    def _embed_all(self, views: Tensor) -> Tensor:
+        embedding = self.embed(views)
+        length = self.map.embeddings.shape[1]
+        require_returned("embed", embedding, N=len(views), D=length)
+        return embedding.float()
+
     def _begin(self, begins: Tensor, goal_views: Tensor) -> None:
         agents = begins.nonzero().flatten()
         if not len(agents):
             return
         views = goal_views[agents.to(goal_views.device)]
-        embedding = self.embed(views.flatten(0, 1)).float()
+        embedding = self._embed_all(views.flatten(0, 1))
         self._find_goals(agents, embedding.unflatten(0, views.shape[:2]))
         self.plans.open_all(begins)
 
@@ -267,6 +277,7 @@ class Navigator(TensorDictModuleBase):
         at_goal = (place >= 0) & (place == target)
         there = torch.where(at_goal.unsqueeze(1), self.goals.view_at(place), there)
         logits = self.locomotion(embedding, there.to(embedding.device))
+        require_returned("locomotion", logits, N=len(embedding), A=None)
         logits = logits.float().cpu()
         drawn = self.sampler.draw(logits, place >= 0, embedding.cpu())
         return one_hot(drawn, logits.shape[1]) if self.one_hot else drawn

@@ -16,7 +16,7 @@ from toponav.graph.navigation.steering_senses import SteeringSenses
 from toponav.graph.poses import decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
-from toponav.parts import require_parts
+from toponav.parts import require_parts, require_returned
 
 #: Decisions around the most likely waypoint of a goal view that say where it is, steps
 #: up to which goal views agree, and from there to waypoints that stand for the goal.
@@ -159,12 +159,17 @@ class PoseNavigator(Navigator):
 
     def _see(self, embedding: Tensor) -> Tensor:
         """Where views ``[n, D]`` are, by themselves, in steps ``[n, 2]``."""
-        chance = self.known.places(embedding).softmax(1).cpu()
-        poses = self.known.poses
+        chance, poses = self._chances(embedding), self.known.poses
         best = poses[chance.argmax(1)].unsqueeze(1)
         near = decisions_apart(best, poses, self.turn) < _AROUND
         chance = chance * near
         return chance @ poses[:, :2] / chance.sum(1, keepdim=True)
+
+    def _chances(self, embedding: Tensor) -> Tensor:
+        """How likely views ``[n, D]`` are at each waypoint, ``[n, W]``."""
+        logits, number = self.known.places(embedding), len(self.known.poses)
+        require_returned("places", logits, N=len(embedding), W=number)
+        return logits.softmax(1).cpu()
 
     def _restart(self, agents: Tensor) -> None:
         super()._restart(agents)
@@ -173,7 +178,7 @@ class PoseNavigator(Navigator):
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
         if self.place_key is None:
-            chance = self.known.places(embedding).softmax(1).cpu()
+            chance = self._chances(embedding)
         else:
             given = data[self.place_key].reshape(-1).cpu()
             chance = one_hot(given, len(self.known.poses)).float()
