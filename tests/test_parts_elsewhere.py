@@ -23,7 +23,9 @@ from torchrl.envs import GymEnv, TransformedEnv
 from tests.fakes import FakeMaze
 from tests.graph.grey_world import episode, make_map
 from tests.objectives.slices import collected_slice
-from tests.test_missing_entries import BATCHES, TRANSFORMS, refused
+from tests.objectives.test_missing_entries import BATCHES
+from tests.refused import refused
+from tests.transforms.test_missing_entries import TRANSFORMS
 from toponav import keys, objectives, transforms
 from toponav.modules import ActorCritic
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from tests.graph.grey_world import episode, make_map
 from tests.graph.grid_world import GridMap, as_view, compare, embed, locomotion
-from tests.test_missing_entries import refused
+from tests.refused import refused
 from toponav import graph, keys
 
 
@@ -46,7 +46,7 @@ def test_a_navigator_names_the_function_that_returns_something_else() -> None:
 
 
 @pytest.mark.parametrize(
-    "shape", [(3, 1, 1, 3), (3, 2, 3, 1, 1), (3, 2, 2, 2, 3)], ids=str
+    "shape", [(3, 1, 1, 3), (3, 2, 3, 1, 1), (3, 2, 2, 2, 4)], ids=str
 )
 def test_a_navigator_refuses_goal_views_unlike_its_views(shape) -> None:
     goals = torch.zeros(shape, dtype=torch.uint8)

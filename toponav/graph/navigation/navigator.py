@@ -162,10 +162,7 @@ class Navigator(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         data = keys.select_entries(tensordict, self.in_keys).reshape(-1)
         views, goal_views, is_init = (data[key] for key in self.in_keys[:3])
-        if goal_views.shape[:1] + goal_views.shape[2:] != views.shape:
-            one = ", ".join(map(str, views.shape[1:]))
-            rule = f"{self.in_keys[1]!r} must be V views of each agent, [*B, V, {one}]"
-            raise ValueError(f"{rule}, got [*B, {str([*goal_views.shape[1:]])[1:]}")
+        self._require_views(views, goal_views)
         embedding = self._embed_all(views)
         begins = is_init.reshape(-1).cpu()
         if self._made_for != (len(data), self.map.version):
@@ -203,6 +200,15 @@ class Navigator(TensorDictModuleBase):
         for key, value in zip(_DECIDED, decided, strict=True):
             tensordict.set(key, value.reshape(*shape, 1).to(device))
         return tensordict
+
+    def _require_views(self, views: Tensor, goal_views: Tensor) -> None:
+        """Goal views may be of another size, but are several of each agent."""
+        alike = views.shape[-1] == goal_views.shape[-1]
+        alike |= views.shape[-3:-2] == goal_views.shape[-3:-2]
+        if goal_views.ndim != views.ndim + 1 or not alike:
+            one = ", ".join(map(str, views.shape[1:]))
+            rule = f"{self.in_keys[1]!r} must be V views of each agent, [*B, V, {one}]"
+            raise ValueError(f"{rule}, got [*B, {str([*goal_views.shape[1:]])[1:]}")
 
     def _embed_all(self, views: Tensor) -> Tensor:
         embedding = self.embed(views)

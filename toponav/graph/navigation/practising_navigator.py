@@ -55,6 +55,9 @@ class PractisingNavigator(PoseNavigator):
             tensordict.set(key, value.to(device))
         return tensordict
 
+    def _require_views(self, views: Tensor, goal_views: Tensor) -> None:
+        """It is shown no goal."""
+
     def _begin(self, begins: Tensor, goal_views: Tensor) -> None:
         self._choose(begins)
 
