@@ -26,7 +26,7 @@ collect = partial(Collector, frames_per_batch=4096)  # 16 whole episodes, [16, 2
 rooms = make_env()
 actions = rooms.world.num_actions
 walks = torch.cat([*collect(rooms, None, total_frames=4096 * (given.walks + 1))])
-walks, held_out = walks[:-16], walks[-16:]
+walks, held_out, usual = walks[:-16], walks[-16:], count_squares(walks)
 encoder = modules.SmallEncoder(64, image_size=(28, 28))
 network = modules.TCNetwork(encoder, modules.ConcatComparator(64, hidden=[128, 128]))
 head = modules.LocomotionHead(64, num_actions=actions, hidden=[128, 128])
@@ -63,12 +63,10 @@ for batch in collect(env, policy, total_frames=4096 * given.batches):
         sum(found[f"loss_{n}"] for n in ("objective", "critic", "entropy")).backward()
         torch.nn.utils.clip_grad_norm_(policy.parameters(), 0.5)
         optimizer.step()
-    squares = count_squares(batch), count_squares(walks)
-    print("explorer: {:.1f} squares, random: {:.1f}".format(*squares))
+    print(f"explorer: {count_squares(batch):.1f} squares, random: {usual:.1f}")
 
 # What its last episodes saw becomes a map, over which an agent walks to pictures.
-rules = graph.calibrate_map(seen)
-known = graph.TopologicalMap(network.embed, network.compare, rules)
+known = graph.TopologicalMap(network.embed, network.compare, graph.calibrate_map(seen))
 for episode in batch:
     known.add_episode(episode)
 print(f"map: {known.num_waypoints:,} waypoints, {len(known.edges):,} edges")
