@@ -40,6 +40,7 @@ from toponav.training import Explorer, make_explore_env
 HEADS = ("depth_accuracy", "depth_chance", "loop_found", "loop_false")
 COLUMNS = ["task", "learner", "seed", "decisions", "reward", "success"]
 COLUMNS += [*HEADS, "cpu_s"]
+LEARN = ("random", "dqn", "drqn", "nav_a3c", "nav_a3c_d2l")
 Row = dict[str, Any]
 
 
@@ -91,7 +92,7 @@ def play(task: str, learner: Learner, judge: EnvBase) -> dict[str, float]:
     epsilon = policy.epsilon.clone()
     learner.settle(policy)
     arguments = {"break_when_any_done": False, "break_when_all_done": True}
-    with torch.no_grad():
+    with set_exploration_type(ExplorationType.RANDOM), torch.no_grad():
         steps = judge.rollout(length, policy, **arguments)
     policy.epsilon.copy_(epsilon)
     return measure_rooms(steps)
@@ -194,27 +195,35 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--tasks", nargs="*", default=list(TASKS), choices=TASKS)
+    parser.add_argument("--learners", nargs="+", default=LEARN, choices=LEARN)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     options = parser.parse_args()
     torch.set_num_threads(1)
-    # Tasks that are not run again keep their rows.
+    runs = [
+        (task, seed, loss)
+        for task, seed in product(options.tasks, options.seeds)
+        for loss in ("random", *TASKS[task].learners)
+        if loss in options.learners
+    ]
+    # Runs that are not made again keep their rows.
     rows: list[Row] = []
     if options.out.is_file():
         old = pd.read_csv(options.out)
-        rows = old[~old["task"].isin(options.tasks)].to_dict("records")
+        names = zip(old["task"], old["seed"], old["learner"], strict=True)
+        rows = old[[name not in runs for name in names]].to_dict("records")
 
     def write(row: Row) -> None:
         rows.append({**row, "cpu_s": round(time.process_time() - began, 1)})
         table = pd.DataFrame(rows, columns=COLUMNS)
         table.to_csv(options.out, index=False, float_format="%.4g", lineterminator="\n")
 
-    for task, seed in product(options.tasks, options.seeds):
+    for task, seed, loss in runs:
         began = time.process_time()
-        write(run_random(task, seed))
-        for loss in TASKS[task].learners:
-            began = time.process_time()
+        if loss == "random":
+            write(run_random(task, seed))
+        else:
             run(task, loss, seed, write)
-            print(task, seed, loss, rows[-1], flush=True)
+        print(task, seed, loss, rows[-1], flush=True)
     draw(rows, options.out.with_suffix(".png"))
 
 
