@@ -1,11 +1,11 @@
 """The tasks of `sanity_navigation`: who learns what, and by which settings.
 
-In ``catch`` all that matters is in view, and in ``goal``, MiniGrid's Empty-Random-5x5, a
-turn away at most. ``recall`` and ``match`` need a memory. In ``match``, MiniGrid's
-MemoryS7, an object says which way to turn at the end of a corridor, and with views of
-3 x 3 squares that end is at least six decisions from where it is seen: more than DQN's
-four views show, less than DRQN's ten. In ``maze``, a small one on the engine, the goal
-never moves.
+In ``catch`` all that matters is in view; in ``goal``, MiniGrid's Empty-Random-5x5, it
+comes into view by turning. ``recall`` and ``match`` need a memory. In ``match``,
+MiniGrid's MemoryS7, an object says which way to turn at the end of a corridor, and
+with views of 3 x 3 squares that end is at least six decisions from where it is seen:
+more than DQN's four views show, less than DRQN's ten. In ``maze``, a small one on the
+engine, the goal never moves.
 """
 
 from dataclasses import dataclass
