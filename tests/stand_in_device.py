@@ -164,7 +164,12 @@ def _must_wait(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bool
     if name in ("aten.copy_", "aten._foreach_copy_"):
         is_async = kwargs.get("non_blocking") or args[2:] == (True,)
         pairs = zip(*map(tree_leaves, args[:2]), strict=True)
-        goes = any(to.device != source.device for to, source in pairs)
+        # A number that is copied goes with the call.
+        goes = any(
+            to.device != source.device
+            for to, source in pairs
+            if isinstance(source, Tensor)
+        )
         return goes and not is_async
     if not any(isinstance(one, DeviceTensor) for one in tree_leaves((args, kwargs))):
         return False

@@ -120,7 +120,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ReturnScale(3)(make_batch(torch.zeros(3, 4)).reshape(-1))
     batch = make_batch(torch.zeros(2, 4))
     for key in ("intrinsic_reward", "done"):
-        with pytest.raises(KeyError, match=f"must have .*'next', '{key}'"):
+        with pytest.raises(KeyError, match=f"must have .*next.*{key}"):
             ReturnScale(2)(batch.exclude(("next", key)))
     with pytest.raises(ValueError, match="got 2 and the env 2"):
         ReturnScale(2)(make_batch(torch.zeros(3, 4)))

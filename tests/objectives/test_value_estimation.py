@@ -183,7 +183,7 @@ def test_what_does_not_fit_is_refused() -> None:
     flat["next", "reward"] = flat["next", "reward"].squeeze(-1)
     with pytest.raises(ValueError, match=r"'reward'.*\[1, 2, 1\].*got \[1, 2\]"):
         estimate(flat, critic, gamma=0.9)
-    with pytest.raises(KeyError, match=r"'next', 'done'.* the key of done"):
+    with pytest.raises(KeyError, match=r"next.*done.* the key of done"):
         estimate(batch.exclude(("next", "done")), critic, gamma=0.9)
     with pytest.raises(ValueError, match=r"gamma must be in \[0, 1\], got 1.5"):
         estimate(batch, critic, gamma=1.5)
