@@ -81,7 +81,7 @@ def test_it_collects_there_as_on_the_processor(
     def collect(place: str) -> list[TensorDictBase]:
         config = explore_settings(*SMALL, *overrides, f"collect.device={place}")
         collector = collector_of(config)
-        collected = batches(collector, 5)
+        collected = batches(collector, 3)
         assert str(collector.env.device).startswith(place)
         for one in collector.policy.parameters():
             assert str(one.device).startswith(place)
@@ -91,8 +91,8 @@ def test_it_collects_there_as_on_the_processor(
     there = collect(device)
     for batch in there:
         require_here(batch.to_dict())
-    # 5 batches of 16 decisions, episodes of 64, first cuts at 16, 32, 48 and 64.
-    assert sum(int(batch["next", "done"].sum()) for batch in there) >= 4
+    # Three batches of 16 decisions; first episodes are cut after 16, 32, 48 and 64.
+    assert sum(int(batch["next", "done"].sum()) for batch in there) >= 3
     # The numbers that a GPU draws are others.
     if device == NAME:
         require_equal(there, collect("cpu"))
@@ -125,15 +125,15 @@ def test_episodes_go_on_there_and_elsewhere(
     explorer = make_explorer(config)
     mailbox = Mailbox(explorer.modules())
     whole = make_collector(config, mailbox)
-    batches(whole, 5)
+    batches(whole, 2)
     state = whole.running_episodes()
     require_here(state)
-    expected = batches(whole, 4)
+    expected = batches(whole, 2)
     whole.shutdown()
     place = "cpu" if other else device
     config = explore_settings(*SMALL, *overrides, f"collect.device={place}")
     resumed = make_collector(config, mailbox, decisions=1, episodes=[state])
-    found = batches(resumed, 4)
+    found = batches(resumed, 2)
     resumed.shutdown()
     # A GPU draws other numbers than the processor.
     if device == NAME or not other:
@@ -160,7 +160,6 @@ def test_the_host_waits_for_three_things_in_each_decision(
 
     more = waits(32)
     more.subtract(waits(16))
-    print(more)
     # In 16 decisions: actions for the engines (a list), and whether an episode ended,
     # which TorchRL asks twice (a number each). Once in 16 the memory is checked (three
     # numbers) and its waypoints counted (a list), as spurious ones are, at most twice.
