@@ -73,8 +73,8 @@ print(f"map: {known.num_waypoints:,} waypoints, {len(known.edges):,} edges")
 goals = walks.reshape(-1)[torch.randint(walks.numel(), (64,))]
 show = TensorDictModule(lambda: goals[keys.PIXELS].unsqueeze(1), [], [keys.GOAL_VIEWS])
 navigator = TensorDictSequential(show, graph.Navigator.over(known, head))
-rooms = partial(make_env, InitTracker(), envs=64, seed=given.seed + 1)
-ours, theirs = (rooms().rollout(256, one) for one in (navigator, None))
+rooms = partial(make_env, envs=64, seed=given.seed + 1)
+ours, theirs = (rooms(InitTracker()).rollout(256, one) for one in (navigator, None))
 for by in (64, 128, 192, 256):
     map_share, random = (share_arrived(walk, goals, by) for walk in (ours, theirs))
     print(f"after {by} decisions: by the map {map_share:.0%}, at random {random:.0%}")
