@@ -11,6 +11,8 @@ it (`tests/stand_in_workers.py`). `HostWaits` tells where a GPU would be waited 
 
 import runpy
 import sys
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,6 @@ import torch
 from torch import Tensor, nn
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_leaves, tree_map
 
 NAME = "cpu:1"
 DEVICE = torch.device(NAME)
@@ -163,15 +164,11 @@ def _must_wait(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bool
         return goes and not kwargs.get("non_blocking")
     if name in ("aten.copy_", "aten._foreach_copy_"):
         is_async = kwargs.get("non_blocking") or args[2:] == (True,)
-        pairs = zip(*map(tree_leaves, args[:2]), strict=True)
         # A number that is copied goes with the call.
-        goes = any(
-            to.device != source.device
-            for to, source in pairs
-            if isinstance(source, Tensor)
-        )
+        pairs = zip(*map(_tensors, args[:2]), strict=False)
+        goes = any(to.device != source.device for to, source in pairs)
         return goes and not is_async
-    if not any(isinstance(one, DeviceTensor) for one in tree_leaves((args, kwargs))):
+    if not any(isinstance(one, DeviceTensor) for one in _tensors((args, kwargs))):
         return False
     masks = args[1] if name in _INDEXING else ()
     return name in _READING or any(
@@ -181,25 +178,24 @@ def _must_wait(name: str, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bool
 
 def _run(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
     """Compute on the processor; the result lies where it would lie on a GPU."""
-    name = str(func).rpartition(".")[0]
+    name = _name_of(func)
     if _watching is not None and _must_wait(name, args, kwargs):
         _note(name)
-    leaves = tree_leaves((args, kwargs))
-    there = [leaf for leaf in leaves if isinstance(leaf, DeviceTensor)]
+    tensors = list(_tensors((args, kwargs)))
+    is_there = any(isinstance(one, DeviceTensor) for one in tensors)
     asked: torch.device | None = kwargs.get("device")
-    _refuse_mixtures(name, args, kwargs, bool(there))
+    _refuse_mixtures(name, args, tensors, is_there)
     held = {"device": torch.device("cpu")} if asked is not None else {}
-    plain_args, plain_kwargs = tree_map(_held, (args, kwargs))
+    plain_args = tuple(_map(_held, one) for one in args)
+    plain_kwargs = {key: _map(_held, one) for key, one in kwargs.items()}
     result = func(*plain_args, **plain_kwargs | held)
     if func._schema.is_mutable and not func._schema.returns:
         return result
     # What is changed in place stays the same object.
     changed = (
-        {id(_held(one)): one for one in leaves if isinstance(one, Tensor)}
-        if func._schema.is_mutable
-        else {}
+        {id(_held(one)): one for one in tensors} if func._schema.is_mutable else {}
     )
-    moves = bool(there) if asked is None else asked == DEVICE and asked.index == 1
+    moves = is_there if asked is None else asked == DEVICE and asked.index == 1
 
     def put(one: Any) -> Any:
         if not isinstance(one, Tensor):
@@ -210,7 +206,30 @@ def _run(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
 
     if name in _PACKING:
         return put(result[0]), result[1]
-    return tree_map(put, result)
+    return _map(put, result)
+
+
+# Torch's own walk through arguments takes several times the rest, for each operation.
+def _map(change: Callable[[Any], Any], one: Any) -> Any:
+    if isinstance(one, (list, tuple)):
+        changed = [_map(change, part) for part in one]
+        return changed if isinstance(one, list) else tuple(changed)
+    return change(one)
+
+
+def _tensors(one: Any) -> Iterator[Tensor]:
+    if isinstance(one, Tensor):
+        yield one
+    elif isinstance(one, (list, tuple)):
+        for part in one:
+            yield from _tensors(part)
+    elif isinstance(one, dict):
+        yield from _tensors(list(one.values()))
+
+
+@cache
+def _name_of(func: Any) -> str:
+    return str(func).rpartition(".")[0]
 
 
 def _held(one: Any) -> Any:
@@ -218,22 +237,21 @@ def _held(one: Any) -> Any:
 
 
 def _refuse_mixtures(
-    name: str, args: tuple[Any, ...], kwargs: dict[str, Any], is_there: bool
+    name: str, args: tuple[Any, ...], tensors: list[Tensor], is_there: bool
 ) -> None:
     """Raise RuntimeError where a GPU would, for tensors of two devices."""
-    if name in _COPIES:
+    if name in _COPIES or not is_there:
         return
     if name in _INDEXING:
-        indices = [one for one in args[1] if one is not None]
+        indices = list(_tensors(args[1]))
         if not isinstance(args[0], DeviceTensor):
             _require(name, indices, there=False)
-        args, kwargs = (args[0], *args[2:]), {}
+        tensors = list(_tensors((args[0], *args[2:])))
     if name in _PACKING:
         _require(name, [args[1]], there=False)
-        args = (args[0], *args[2:])
-    tensors = [one for one in tree_leaves((args, kwargs)) if isinstance(one, Tensor)]
+        tensors = list(_tensors((args[0], *args[2:])))
     # A number from the processor, of no dimension, may go with tensors of a device.
-    if is_there and any(isinstance(one, DeviceTensor) for one in tensors):
+    if any(isinstance(one, DeviceTensor) for one in tensors):
         _require(name, [one for one in tensors if one.dim() > 0], there=True)
 
 

@@ -4,6 +4,8 @@ import pytest
 import torch
 
 from tests.benchmarks.loading import load_benchmark
+from tests.stand_in_device import NAME
+from tests.stand_in_workers import stand_in_workers
 
 
 def test_a_roof_is_that_of_cores_or_of_the_device(
@@ -27,3 +29,20 @@ def test_a_roof_is_that_of_cores_or_of_the_device(
     found = speed.against_roof(parts, dict.fromkeys(parts, here), 500.0, cores=2)
     assert found["roof"] == pytest.approx(833.33, rel=1e-4)
     assert not found["milliseconds_elsewhere"]
+
+
+@pytest.mark.slow
+def test_parts_are_timed_where_they_are_computed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    speed = load_benchmark("explore_speed", monkeypatch)
+    small = ("collect.envs=2", "collect.workers=1", "loss.rollout=40")
+    small += ("loss.minibatches=2", "model.embedding_dim=8", "policy.hidden=16")
+    with stand_in_workers():
+        settings = speed.make_settings("laptop", [f"device={NAME}", *small])
+        found = speed.measure(settings, 0.1)
+        places = speed.places_of(settings)
+    assert found["parts"].keys() == places.keys()
+    assert min(found["mean"], *found["parts"].values()) > 0
+    here = [name for name, place in places.items() if str(place) == "cpu"]
+    assert here == ["engines"]

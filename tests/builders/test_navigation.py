@@ -157,6 +157,7 @@ class StandInWalk:
         return SimpleNamespace(frames=TensorDict(entries, [num]).unsqueeze(0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["walk", "map"])
 def test_all_places_of_a_large_maze_get_pictures(source, explored, monkeypatch):
     config = navigate_settings(None, *LARGE, f"goals.source={source}")

@@ -154,6 +154,7 @@ def test_the_target_is_the_scaled_reward_and_what_follows(name: str) -> None:
         assert learner._step() == pytest.approx(0.5 * (0.6 if ends else 0.8) ** 2)
 
 
+@pytest.mark.slow
 @BOTH
 def test_it_learns_which_action_pays(name: str) -> None:
     words = ("loss.lr=0.001", "loss.every=2", "loss.epsilon_until=1")

@@ -32,6 +32,7 @@ def train(folder: Path, loss: str, *words: str) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_all_rivals_play_the_episodes_of_the_others(
     folder: Path, explored: Explored, tmp_path: Path
 ) -> None:

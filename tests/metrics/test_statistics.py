@@ -80,6 +80,7 @@ def test_an_interval_of_a_mean_is_that_of_the_normal_law() -> None:
     assert found.high == pytest.approx(50 + 0.98, abs=0.05)
 
 
+@pytest.mark.slow
 def test_an_interval_covers_the_truth_as_often_as_it_says() -> None:
     generator = np.random.default_rng(2)
     hits = 0

@@ -91,6 +91,7 @@ def test_the_corridor_keeps_its_specs() -> None:
     check_env_specs(make_env(make_network(), 3), break_when_any_done="both")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make_update", "num_updates"), [(a3c_update, 80), (ppo_update, 24)]
 )

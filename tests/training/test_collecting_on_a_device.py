@@ -47,6 +47,7 @@ RUNS = [
     (*RIVAL, "loss=nav_a3c"),
     (*RIVAL, "loss=nav_a3c_d2l"),
 ]
+OTHERS = RUNS[1:-1]
 
 
 @pytest.fixture(autouse=True)
@@ -74,14 +75,18 @@ def require_equal(found: list[TensorDictBase], expected: list[TensorDictBase]) -
             assert torch.equal(one[key], other[key]), key
 
 
-@pytest.mark.parametrize("overrides", RUNS)
+# Most are slow where the stand-in device computes: two of them show the way.
+@pytest.mark.parametrize(
+    "overrides",
+    [RUNS[0], RUNS[-1], *(pytest.param(one, marks=pytest.mark.slow) for one in OTHERS)],
+)
 def test_it_collects_there_as_on_the_processor(
     device: str, overrides: tuple[str, ...]
 ) -> None:
     def collect(place: str) -> list[TensorDictBase]:
         config = explore_settings(*SMALL, *overrides, f"collect.device={place}")
         collector = collector_of(config)
-        collected = batches(collector, 5)
+        collected = batches(collector, 3)
         assert str(collector.env.device).startswith(place)
         for one in collector.policy.parameters():
             assert str(one.device).startswith(place)
@@ -91,8 +96,8 @@ def test_it_collects_there_as_on_the_processor(
     there = collect(device)
     for batch in there:
         require_here(batch.to_dict())
-    # 5 batches of 16 decisions, episodes of 64, first cuts at 16, 32, 48 and 64.
-    assert sum(int(batch["next", "done"].sum()) for batch in there) >= 4
+    # Three batches of 16 decisions; first episodes are cut after 16, 32, 48 and 64.
+    assert sum(int(batch["next", "done"].sum()) for batch in there) >= 3
     # The numbers that a GPU draws are others.
     if device == NAME:
         require_equal(there, collect("cpu"))
@@ -116,6 +121,7 @@ def test_weights_come_there_from_a_learner_there(device: str) -> None:
     assert bias.item() == pytest.approx(explorer.policy.critic.bias.item())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [True, False])
 @pytest.mark.parametrize("overrides", [RUNS[0], RUNS[1], RUNS[4], RUNS[12]])
 def test_episodes_go_on_there_and_elsewhere(
@@ -125,21 +131,22 @@ def test_episodes_go_on_there_and_elsewhere(
     explorer = make_explorer(config)
     mailbox = Mailbox(explorer.modules())
     whole = make_collector(config, mailbox)
-    batches(whole, 5)
+    batches(whole, 2)
     state = whole.running_episodes()
     require_here(state)
-    expected = batches(whole, 4)
+    expected = batches(whole, 2)
     whole.shutdown()
     place = "cpu" if other else device
     config = explore_settings(*SMALL, *overrides, f"collect.device={place}")
     resumed = make_collector(config, mailbox, decisions=1, episodes=[state])
-    found = batches(resumed, 4)
+    found = batches(resumed, 2)
     resumed.shutdown()
     # A GPU draws other numbers than the processor.
     if device == NAME or not other:
         require_equal(found, expected)
 
 
+@pytest.mark.slow
 def test_the_host_waits_for_three_things_in_each_decision(
     device: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,11 +170,11 @@ def test_the_host_waits_for_three_things_in_each_decision(
     more = waits(32)
     more.subtract(waits(16))
     # In 16 decisions: actions for the engines (a list), and whether an episode ended,
-    # which TorchRL asks twice (a number each). Once in 16 the memory is checked (three
-    # numbers) and its waypoints counted (a list), as spurious ones are, at most twice.
-    # A third number a decision has been seen since (51), whose place is not found yet.
-    assert more["aten._local_scalar_dense"] in (2 * 16 + 3, 3 * 16 + 3)
-    assert 16 + 1 <= more["tolist"] <= 16 + 3
+    # which TorchRL asks three times (a number each: twice for the reset, once for the
+    # number of the trajectory). Once in 16 the memory is checked (three numbers) and
+    # its waypoints counted (a list), as spurious ones are, at most thrice.
+    assert more["aten._local_scalar_dense"] == 3 * 16 + 3
+    assert 16 + 1 <= more["tolist"] <= 16 + 4
     del more["aten._local_scalar_dense"], more["tolist"]
     assert not +more
 

@@ -165,7 +165,7 @@ def test_wrong_arguments_are_refused(make, message):
             partial(PreviousAction, 6, in_keys=["act"]),
             "'act' must be an action of the env, got",
         ),
-        (PreviousReward, "'intrinsic_reward' must be a reward of the env, got"),
+        (PreviousReward, "'intrinsic_reward' must be a reward of the env .add Intrins"),
     ],
 )
 def test_what_does_not_fit_is_refused_with_the_specs(make, message):

@@ -110,12 +110,15 @@ class PreviousReward(KeyedTransform):
             start = find_spec(specs, self.in_keys[0], kind="a reward").zero()
         return tensordict_reset.set(self.out_keys[0], start)
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        specs = self.parent.full_reward_spec
-        reward = find_spec(specs, self.in_keys[0], kind="a reward")
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        # Asking `parent` for specs would compute those of all earlier transforms again.
+        output_spec = output_spec.clone()
+        rewards = output_spec["full_reward_spec"]
+        reward = find_spec(rewards, self.in_keys[0], kind="a reward")
         bounds = (-self.clip, self.clip)
         spec = Bounded(*bounds, reward.shape, reward.device, reward.dtype)
-        return observation_spec.set(self.out_keys[0], spec)
+        output_spec["full_observation_spec"][self.out_keys[0]] = spec
+        return output_spec
 
 
 class GoalViews(KeyedTransform):

@@ -136,21 +136,21 @@ class Coverage(ResizableBuffers, KeyedTransform):
         tensordict.set(self.out_keys[2], self.decisions_to.clone())
         return ~seen & open_now.gather(-1, index)
 
-    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
-        cell = find_spec(observation_spec, self.in_keys[0], length=2)
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        # Asking `parent` for specs would compute those of all earlier transforms again.
+        output_spec = output_spec.clone()
+        observations = output_spec["full_observation_spec"]
+        cell = find_spec(observations, self.in_keys[0], length=2)
         if num_slots := len(self.slot_indices):
-            find_spec(observation_spec, keys.BLOCKED, length=num_slots)
-        shape, device = cell.shape[:-1], observation_spec.device
+            find_spec(observations, keys.BLOCKED, length=num_slots)
+        shape, device = cell.shape[:-1], cell.device
         share = Bounded(0.0, 1.0, (*shape, 1), device, torch.float32)
         reached = Unbounded((*shape, len(self.levels)), device, torch.int64)
-        observation_spec[self.out_keys[0]] = share
-        observation_spec[self.out_keys[2]] = reached
-        return observation_spec
-
-    def transform_reward_spec(self, reward_spec: Composite) -> Composite:
-        cell = self.parent.observation_spec[self.in_keys[0]]
-        spec = Unbounded((*cell.shape[:-1], 1), cell.device, torch.float32)
-        return reward_spec.set(self.out_keys[1], spec)
+        observations[self.out_keys[0]] = share
+        observations[self.out_keys[2]] = reached
+        new = Unbounded((*shape, 1), device, torch.float32)
+        output_spec["full_reward_spec"][self.out_keys[1]] = new
+        return output_spec
 
 
 class WaypointTruth(GrowingSlots, KeyedTransform):

@@ -214,6 +214,7 @@ def test_it_recovers_when_slots_open_and_close_in_mid_episode(grid):
     assert all(any(reached[part : part + 40]) for part in range(0, 240, 40))
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.lists(st.sets(st.sampled_from([UPPER, (2, 1), (4, 3), (3, 5)])), max_size=8))
 def test_no_closing_and_opening_breaks_it(closings):

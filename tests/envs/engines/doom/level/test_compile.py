@@ -82,6 +82,7 @@ def test_the_map_is_named_after_its_content() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hash_seed", ["0", "1"])
 def test_another_process_writes_the_same_bytes(hash_seed: str) -> None:
     child = subprocess.run(
