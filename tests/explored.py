@@ -22,6 +22,7 @@ from toponav.builders import (
 )
 from toponav.config import ExploreConfig, NavigateConfig
 from toponav.graph import save_map
+from toponav.training.ground_training import GroundRules, train_ground
 from toponav.training.place_training import PlaceRules, train_places
 
 RING = "*****\n*   *\n* *a*\n*   *\n*****\n"
@@ -120,6 +121,7 @@ def write_map(
         own = torch.cat([state["positions"], state["headings"].unsqueeze(1)], 1)
         rules = PlaceRules(updates=60, views=32)
         network = train_places(embeddings, own, own, motion.turn, rules)
-        save_places(network, folder / PLACES_FILE)
+        ground = train_ground(embeddings, own, GroundRules(updates=20, views=32))
+        save_places(network, folder / PLACES_FILE, ground)
     save_map(state, folder / MAP_FILE)
     np.save(folder / POSES_FILE, np.asarray(true))

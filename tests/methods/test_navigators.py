@@ -2,7 +2,7 @@
 
 import gc
 import types
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -234,6 +234,21 @@ def test_each_setting_reaches_its_belief(posed, setting, value) -> None:
     assert getattr(policy.belief_rules, setting) == value
     with pytest.raises(SettingsError, match=r"navigator\.power must be in"):
         navigate_settings(posed, "navigator=poses", "navigator.power=2")
+
+
+def test_it_sees_the_ground_if_it_is_told_to_and_its_map_can(posed: Path) -> None:
+    plain, seeing = (
+        navigate_settings(posed, "navigator=poses", f"navigator.see_ground={word}")
+        for word in ("false", "true")
+    )
+    knowledge, truth = load_exploration(seeing)
+    make = make_policies
+    assert make(plain, knowledge, truth)["navigator"].known.ground is None
+    ground = make(seeing, knowledge, truth)["navigator"].known.ground
+    assert ground is knowledge.ground is not None
+    rule = "navigator.see_ground must be false for a run of an earlier version"
+    with pytest.raises(SettingsError, match=rule):
+        make(seeing, replace(knowledge, ground=None), truth)
 
 
 def test_a_map_without_poses_is_refused_by_name(folder: Path) -> None:

@@ -404,12 +404,16 @@ def test_poses_leave_few_waypoints_at_the_end(
     # The file has the poses, and beside it is what knows its waypoints by their views.
     assert torch.equal(state["positions"], growth.map.waypoints.positions)
     assert state["positions"].isfinite().all()
-    places = load_places(tmp_path / PLACES_FILE, num_places=number, setting="run")
+    path = tmp_path / PLACES_FILE
+    places, ground = load_places(path, num_places=number, setting="run")
     embeddings = growth.map.embeddings
     with torch.no_grad():
         found = places(embeddings).argmax(1)
     away = growth.map.waypoints.positions[found] - growth.map.waypoints.positions
     assert away.norm(dim=1).median() < 3
+    assert ground is not None
+    assert growth.ground is not None
+    assert torch.equal(ground(embeddings), growth.ground(embeddings))
 
 
 def test_a_resumed_run_has_the_walks_of_the_map(pose_growth) -> None:

@@ -32,7 +32,7 @@ from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
 from toponav.ground_truth import GroundTruthDistances, pick_goal_views, require_motion
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
-from toponav.modules import PlaceNetwork
+from toponav.modules import GroundNetwork, PlaceNetwork
 from toponav.policies import FrontierExpert
 from toponav.transforms import GoalViews, PreviousReward
 from toponav.worlds import WorldSpec
@@ -57,6 +57,8 @@ class AgentKnowledge:
     map: TopologicalMap  # built while exploring
     #: Knows the map's waypoints by their views, if these have poses.
     places: PlaceNetwork | None = None
+    #: Sees where the ground is free, of a map made by this version.
+    ground: GroundNetwork | None = None
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,8 @@ def load_exploration(
             "(was its layout changed?)"
         ) from error
     truth = GroundTruth(poses, layout, distances)
-    places = _load_places(folder, topological_map.num_waypoints, about)
-    return AgentKnowledge(world, networks, topological_map, places), truth
+    senses = _load_places(folder, topological_map.num_waypoints, about)
+    return AgentKnowledge(world, networks, topological_map, *senses), truth
 
 
 def load_knowledge(folder: Path, world: WorldSpec) -> AgentKnowledge:
@@ -151,9 +153,9 @@ def _load_map(
 
 def _load_places(
     folder: Path, num_places: int, about: Mapping[str, str]
-) -> PlaceNetwork | None:
+) -> tuple[PlaceNetwork | None, GroundNetwork | None]:
     if (path := find_beside(folder, PLACES_FILE, about)) is None:
-        return None
+        return None, None
     return load_places(path, num_places=num_places, setting="run")
 
 

@@ -13,6 +13,7 @@ from toponav.modules.encoders import (
     check_pixels as check_pixels,
     start_orthogonal as start_orthogonal,
 )
+from toponav.modules.ground_network import GroundNetwork as GroundNetwork
 from toponav.modules.nav_actor_critic import (
     NavActorCritic as NavActorCritic,
     StackedLSTM as StackedLSTM,

@@ -48,10 +48,11 @@ from toponav.metrics import (
     map_parts,
     waypoint_shares,
 )
-from toponav.modules import PlaceNetwork
+from toponav.modules import GroundNetwork, PlaceNetwork
 from toponav.plotting import draw_graph, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
+from toponav.training.ground_training import GroundRules, train_ground
 from toponav.training.map_truth import MapTruth, Snapshot
 from toponav.training.place_training import PlaceRules, train_places
 
@@ -113,6 +114,8 @@ class MapGrowth(Consumer):
         self.growth = [(0, 0)]
         # What knows the waypoints of the last map by their views.
         self.places: PlaceNetwork | None = None
+        # What sees where the ground is free.
+        self.ground: GroundNetwork | None = None
         self.rows: list[Row] = []
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
@@ -206,12 +209,13 @@ class MapGrowth(Consumer):
         return found.embeddings, found.poses
 
     def learn_places(self, embeddings: Tensor, poses: Tensor) -> None:
-        """Train the network that knows the map's waypoints by their views."""
+        """Train what knows waypoints by their views, and what sees free ground."""
         assert self.effects is not None
         turn = fastest_turn(self.effects)
         rules = PlaceRules(seed=self.seed)
         known = self.map.waypoints.poses
         self.places = train_places(embeddings, poses, known, turn, rules)
+        self.ground = train_ground(embeddings, poses, GroundRules(seed=self.seed))
 
     def wait(self) -> None:
         """Wait until all is written, and raise what went wrong with it."""
@@ -243,6 +247,7 @@ class MapGrowth(Consumer):
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
             self.places,
+            self.ground,
         )
         self._writing = self._thread.submit(self._write, folder, snapshot)
 
@@ -256,7 +261,7 @@ class MapGrowth(Consumer):
             row |= self.truth.measure(now, self.pretraining_decisions)
             write_array(next_path(folder / POSES_FILE), now.poses)
         if now.places is not None:
-            save_places(now.places, next_path(folder / PLACES_FILE))
+            save_places(now.places, next_path(folder / PLACES_FILE), now.ground)
         self.rows.append(row)
         write_history(folder / "map.csv", self.rows)
         about = {"maze": self.name} | name_contents(folder)

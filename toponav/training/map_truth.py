@@ -14,7 +14,7 @@ from toponav.builders import World
 from toponav.graph import decode_view, walking_costs
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.metrics import FALSE_EDGE_CELLS, covered_cells, edge_lengths, map_quality
-from toponav.modules import PlaceNetwork
+from toponav.modules import GroundNetwork, PlaceNetwork
 from toponav.plotting import FloorPlan, draw_topological_map
 from toponav.training.episode_log import Row
 
@@ -31,6 +31,7 @@ class Snapshot:
     poses: Tensor
     decisions_to_cover: float
     places: PlaceNetwork | None = None  # what knows its waypoints by their views
+    ground: GroundNetwork | None = None  # what sees from a view where ground is free
 
     def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
         """Views of some waypoints by their numbers; to be called once."""

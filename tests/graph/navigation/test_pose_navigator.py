@@ -8,6 +8,7 @@ from tensordict import TensorDict
 
 from tests.graph.poses.ring_world import EFFECTS, compare, is_free, look
 from toponav.graph import BeliefRules, NavigatorRules, PoseMap, PoseNavigator
+from toponav.graph.poses import BEARINGS
 from toponav.keys import (
     ACTION,
     GOAL_VIEWS,
@@ -52,7 +53,13 @@ def places(embedding: torch.Tensor) -> torch.Tensor:
 
 
 def make(
-    seed=0, poses=POSES, places=places, place_key=None, block_within=None, **rules
+    seed=0,
+    poses=POSES,
+    places=places,
+    ground=None,
+    place_key=None,
+    block_within=None,
+    **rules,
 ):
     ends = edges()
     known = NavigatorMap(
@@ -69,7 +76,13 @@ def make(
         lambda views: views.flatten(1).float(),
         compare,
         NavigatorRules(tc_reach=0.0, **(given | {"block_after": None} | rules)),
-        known=PoseMap(poses=poses, track=POSES[:, :2], effects=EFFECTS, places=places),
+        known=PoseMap(
+            poses=poses,
+            track=POSES[:, :2],
+            effects=EFFECTS,
+            places=places,
+            ground=ground,
+        ),
         belief=BeliefRules(),
         goal_reward=10.0,
         place_key=place_key,
@@ -251,6 +264,41 @@ def test_an_agent_that_is_told_its_waypoint_believes_in_poses_around_it() -> Non
     assert found[PLACE].item() == 8
     assert (navigator._pose[0, :2] - POSES[8, :2]).norm() < 1
     assert (elsewhere[8, :2] - POSES[8, :2]).norm() > 3
+
+
+def test_it_acts_by_what_its_view_says_is_free() -> None:
+    # A waypoint's pose, and the goal at the next corner, straight ahead or not.
+    told, free = ("privileged", "place"), torch.full((1, 13, 12), 9.0)
+    data = reading([POSES[8].tolist()], [POSES[20, :2].tolist()], begins=True)
+    data = data.set(told, torch.tensor([[8]]))
+    plain = make(place_key=told)
+    plain(data)
+    gap = plain._aims[0] - plain._pose[0, :2]
+    bearing = torch.atan2(gap[1], gap[0]).rad2deg() - plain._pose[0, 2]
+    bearing = (float(bearing) + 180) % 360 - 180
+    # All is free but what lies on the side of the aim: it turns to the other one.
+    side = BEARINGS > 0 if bearing > 0 else BEARINGS < 0
+    walls = free.masked_fill(side.unsqueeze(1), -9.0)
+    asked = []
+
+    def ground(embedding: torch.Tensor) -> torch.Tensor:
+        asked.append(embedding)
+        return walls
+
+    seeing = make(place_key=told, ground=ground)
+    seeing(data)
+    assert asked[0].shape == (1, VIEWS.shape[1])
+    # The aim of the path is the same, and what is said of the actions is not.
+    assert seeing._aims.equal(plain._aims)
+    assert not seeing._free.equal(plain._free)
+    nothing = make(place_key=told, ground=lambda embedding: -free)
+    nothing(data)
+    assert nothing._free.equal(plain._free)
+    wrong = make(place_key=told, ground=lambda embedding: free[:, 0])
+    with pytest.raises(
+        ValueError, match=r"ground must return \[N, K, R\], got \[1, 12"
+    ):
+        wrong(data)
 
 
 def test_a_map_without_poses_is_refused() -> None:

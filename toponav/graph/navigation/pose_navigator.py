@@ -8,12 +8,13 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from toponav.graph.navigation.free_way import aim_where_free
 from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
 from toponav.graph.navigation.path_following import aim_along, edges_through, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
 from toponav.graph.navigation.steering_senses import SteeringSenses
-from toponav.graph.poses import decisions_apart, fastest_turn
+from toponav.graph.poses import BEARINGS, DISTANCES, decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
 from toponav.graph.waypoints import Compare, Embed
 from toponav.parts import require_parts, require_returned
@@ -44,6 +45,9 @@ class PoseMap:
     effects: Tensor
     #: Embeddings ``[N, D]`` to logits of the waypoints ``[N, W]``: `PlaceNetwork`.
     places: Callable[[Tensor], Tensor]
+    #: Embeddings ``[N, D]`` to logits ``[N, K, R]`` that the ground is free at `spots`
+    #: before the agent: `GroundNetwork`; ``None`` where nothing says so.
+    ground: Callable[[Tensor], Tensor] | None = None
 
 
 class PoseNavigator(Navigator):
@@ -54,8 +58,9 @@ class PoseNavigator(Navigator):
     1. *localise*: it believes in poses, by its actions and by what its place network
        says of its views (`PoseBelief`), and is at the waypoint nearest to where most of
        them are; it is never lost;
-    2. *aim*: at the point of the path that is ``ahead`` steps away (`aim_along`), and
-       act by the pose alone (`steer`);
+    2. *aim*: at the point of the path that is ``ahead`` steps away (`aim_along`), or
+       where the view says that the ground on the way there is free (`aim_where_free`),
+       and act by the pose alone (`steer`);
     3. *goal*: where most of the goal's views agree that it is. There the agent searches
        around, as its goal is a little beside it.
 
@@ -254,10 +259,15 @@ class PoseNavigator(Navigator):
         return closed_ends
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:
-        self._free = steer(self._pose, self._aims, self.known.effects)
+        here, aims = here.float().cpu(), self._aims
+        if self.known.ground is not None:
+            logits = self.known.ground(here)
+            shape = len(here), len(BEARINGS), len(DISTANCES)
+            require_returned("ground", logits, N=shape[0], K=shape[1], R=shape[2])
+            aims = aim_where_free(self._pose, aims, logits.sigmoid().cpu())
+        self._free = steer(self._pose, aims, self.known.effects)
         if self.controller is None:
             return self._free
-        here = here.float().cpu()
         self._sensed = self.senses(
             self._pose,
             self.belief.poses[:, :, :2].std(1).norm(dim=1),

@@ -17,3 +17,9 @@ from toponav.graph.poses.pose_graph import (
     Poses as Poses,
     estimate_poses as estimate_poses,
 )
+from toponav.graph.poses.walked_ground import (
+    BEARINGS as BEARINGS,
+    DISTANCES as DISTANCES,
+    WalkedGround as WalkedGround,
+    spots as spots,
+)

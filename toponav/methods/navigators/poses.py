@@ -38,6 +38,7 @@ class PosesConfig(NavigatorConfig):
     ahead: float = above(0)
     search: float = above(0)
     practised: str | None = MISSING
+    see_ground: bool = MISSING
     width: float = above(0)
     lookahead: int = MISSING
     temperature: float = MISSING
@@ -128,6 +129,12 @@ def _arguments(
     require(knowledge.places is not None, rule, "a map without")
     assert knowledge.places is not None
     assert effects is not None  # mazes have them
+    ground = None
+    if config.see_ground:
+        rule = "navigator.see_ground must be false for a run of an earlier version, "
+        rule += "whose map knows nothing of the ground"
+        require(knowledge.ground is not None, rule, "true")
+        ground = knowledge.ground
     track = to_the_middle(poses[:, :2], width=config.width)
     if edges is None:
         cost = walking_costs(track, known.edges, known.graph.traversals)
@@ -138,7 +145,11 @@ def _arguments(
         "compare": tc.compare_prepared,
         "rules": config.rules(),
         "known": PoseMap(
-            poses=poses, track=track, effects=effects, places=knowledge.places
+            poses=poses,
+            track=track,
+            effects=effects,
+            places=knowledge.places,
+            ground=ground,
         ),
         "belief": config.belief(),
         "ahead": config.ahead,

@@ -1,0 +1,68 @@
+"""`train_ground`: a network that sees from a view where the ground is free."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F  # noqa: N812
+from torch.optim import AdamW
+from torch.optim.lr_scheduler import OneCycleLR
+from tqdm import tqdm
+
+from toponav.graph.poses import BEARINGS, DISTANCES, WalkedGround
+from toponav.modules import GroundNetwork
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundRules:
+    """How a `GroundNetwork` learns."""
+
+    updates: int = 1000
+    views: int = 256  # in each update
+    lr: float = 2e-3  # at its largest
+    weight_decay: float = 1e-3
+    seed: int = 0
+
+
+def train_ground(
+    embeddings: Tensor, poses: Tensor, rules: GroundRules
+) -> GroundNetwork:
+    """Learn from V views where the ground before them is free.
+
+    What an agent walked on in all of its episodes is the truth (`WalkedGround`): no
+    depth, no plan. Poses are off by a step or so, each in another direction, so that the
+    mean over views that look alike, which the network learns, is nearer to the walls
+    than each of them. Views whose pose is not known, NaN, are left out.
+
+    Reference:
+        Beyond the paper. Free space learned from what was driven on: Hadsell et al.,
+        "Learning long-range vision for autonomous off-road driving" (2009).
+
+    Args:
+        embeddings: of the views, ``[V, D]``, of any precision.
+        poses: of the views, ``[V, 3]``: steps, steps and degrees.
+        rules: how it learns.
+    """
+    known = poses.isfinite().all(1).nonzero().flatten()
+    if not len(known):
+        raise ValueError("a view must have a known pose, got none")
+    ground = WalkedGround(poses[known, :2].float())
+    # The draws of the caller stay as they are.
+    with torch.random.fork_rng(devices=[]), torch.enable_grad():
+        torch.manual_seed(rules.seed)
+        network = GroundNetwork(embeddings.shape[1], len(BEARINGS), len(DISTANCES))
+        network.scale_by(embeddings[known].float())
+        optimizer = AdamW(
+            network.parameters(), lr=rules.lr, weight_decay=rules.weight_decay
+        )
+        schedule = OneCycleLR(optimizer, rules.lr, total_steps=rules.updates)
+        for _ in tqdm(range(rules.updates), desc="ground", unit="update", leave=False):
+            drawn = known[torch.randint(len(known), (rules.views,))]
+            wanted = ground.before(poses[drawn].float()).float()
+            logits = network(embeddings[drawn].float())
+            loss = F.binary_cross_entropy_with_logits(logits, wanted)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+    return network.eval()
