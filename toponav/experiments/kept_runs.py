@@ -48,7 +48,7 @@ def keep_runs(cells: Iterable[Cell]) -> None:
 
 
 def copy_missing(source: Path, target: Path, pattern: str) -> None:
-    """Copy the files of a pattern that another folder lacks, each whole or not."""
+    """Copy the files of a pattern that another folder lacks, none of them in part."""
     for file in source.glob(pattern):
         copy = target / file.relative_to(source)
         if not copy.is_file():
