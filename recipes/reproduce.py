@@ -11,8 +11,9 @@ settings that it needs are looked for in ``runs``, whoever made them; those that
 missing are made by the other recipes, and those that were cut off go on. Started again
 after a kill, it goes on too; started twice, both share the work. ``folder`` gets
 ``<experiment>.csv``, ``.md`` and ``.png``: means and interquartile means with 95 %
-bootstrap intervals, and the paper's own figures beside them. A run that fails ends
-nothing: it is named at the end and missing in the table.
+bootstrap intervals, and the paper's own figures beside them. ``runs`` in it keeps the
+tables of each finished run, which are enough to make all that again. A run that fails
+ends nothing: it is named at the end and missing in the table.
 """
 
 from toponav.interrupts import catch_early
@@ -55,7 +56,8 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     # Policies that do not learn come first: later runs find their episodes.
     scripted = experiments.scripted_of(settings, cells, play=settings.make)
 
-    # The runs, each in a process of its own recipe.
+    # The runs, each in a process of its own recipe. Their tables are kept beside ours.
+    experiments.keep_runs([*tries, *cells])
     maker = experiments.RunMaker(RECIPES, jobs=settings.jobs, poll_s=settings.poll_s)
     chosen: list[str] = []
     if tries:
@@ -70,6 +72,7 @@ def main(settings: ReproduceConfig, _: Path) -> None:
         maker.make(*experiments.to_make(settings, cells))
 
     # The table and the figure of what there is.
+    experiments.keep_runs(cells)
     groups = experiments.make_groups(settings, cells)
     if experiment.recipe == "explore":
         table = reports.explore_table(groups, scripted, draws=settings.draws)

@@ -1,6 +1,7 @@
 """The recipe that makes the paper's tables, run as its users run it."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import pytest
@@ -47,7 +48,8 @@ def test_a_table_is_made_and_not_made_again(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "1 of 1 runs are missing; about 0.2 minutes" in done.stderr
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        f"table3.{kind}" for kind in ("csv", "md", "png")
+        *(f"table3.{kind}" for kind in ("csv", "md", "png")),
+        "runs",
     }
     with (tmp_path / "out/table3.csv").open(newline="") as file:
         rows = {row["row"]: row for row in csv.DictReader(file)}
@@ -59,5 +61,12 @@ def test_a_table_is_made_and_not_made_again(tmp_path: Path) -> None:
 
     before = (tmp_path / "out/table3.csv").read_text()
     done = run_forked("reproduce", *words, cwd=tmp_path)
+    assert "table3: all 1 runs are there" in done.stderr
+    assert (tmp_path / "out/table3.csv").read_text() == before
+
+    # Nor is it lost with the runs.
+    shutil.rmtree(tmp_path / "runs")
+    (tmp_path / "out/table3.csv").unlink()
+    done = run_forked("reproduce", *words, "make=false", cwd=tmp_path)
     assert "table3: all 1 runs are there" in done.stderr
     assert (tmp_path / "out/table3.csv").read_text() == before

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -67,6 +68,15 @@ def test_each_run_is_made_once_and_the_first_one_first(tmp_path: Path) -> None:
     # What is finished is not made again.
     make(tmp_path, one, two)
     assert starts(one) == starts(two) == ["start"]
+
+
+def test_a_run_is_kept_as_soon_as_it_is_finished(tmp_path: Path) -> None:
+    bad = make_cell(tmp_path, "bad", "bad=1")
+    cells = [make_cell(tmp_path, "good"), bad]
+    cells = [replace(cell, kept=tmp_path / "kept" / cell.key) for cell in cells]
+    make(tmp_path, *cells)
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["good"]
+    assert cells[0].results == cells[0].kept
 
 
 def test_a_failing_run_ends_nothing_but_what_needs_it(tmp_path: Path) -> None:

@@ -97,6 +97,16 @@ def test_others_read_it_without_this_package(state, tmp_path) -> None:
     assert (view == state["images"][1].numpy()).all()
 
 
+def test_waypoints_and_edges_are_entries_on_lines_of_their_own(state, tmp_path) -> None:
+    save_map(state, tmp_path / "map.zip")
+    with zipfile.ZipFile(tmp_path / "map.zip") as archive:
+        lines = archive.read("graph.json").decode().splitlines()
+    for name, num in (("id", 3), ("source", len(state["edges"]))):
+        found = [line for line in lines if f'"{name}": ' in line]
+        assert len(found) == num > 0
+        assert all(line.count('": ') <= 2 for line in found[1:])
+
+
 def test_a_write_that_fails_leaves_the_old_file(state, tmp_path) -> None:
     path = tmp_path / "map.zip"
     save_map(state, path)

@@ -1,12 +1,21 @@
 """The views of a map in a file: written once, whole whenever the process ends."""
 
+import os
 from pathlib import Path
 
 import pytest
 import torch
 
 from tests.graph.grey_world import compare, embed, episode
-from toponav.graph import MapRules, TopologicalMap, ViewFile, load_map, save_map, views
+from toponav.graph import (
+    MapRules,
+    TopologicalMap,
+    ViewFile,
+    decode_view,
+    load_map,
+    save_map,
+    views,
+)
 
 
 def some(number: int) -> torch.Tensor:
@@ -47,6 +56,28 @@ def test_a_state_holds_until_the_file_is_changed(tmp_path: Path) -> None:
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match="views must be as it was written"):
             ViewFile(path).load_state_dict(state)
+
+
+def test_a_picture_is_read_when_it_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, read, pread = filled(tmp_path / "views", 5), [], os.pread
+
+    def note(*given: int) -> bytes:
+        read.append(given)
+        return pread(*given)
+
+    monkeypatch.setattr(os, "pread", note)
+    pictures = found.pictures()
+    # What comes later belongs to a later map.
+    found.append(some(5))
+    found.keep([1, 2])
+    assert len(pictures) == 5
+    assert torch.equal(decode_view(pictures[3]), some(3))
+    assert len(read) == 1
+    later = [decode_view(one) for one in pictures[1:3]]
+    assert torch.equal(torch.stack(later), torch.stack([some(1), some(2)]))
+    assert len(read) == 3
 
 
 def test_states_of_earlier_versions_are_read(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from tests import episodes
 from tests.fakes import MAZES, parse
 from toponav.metrics import EpisodeTrace
 from toponav.plotting import FloorPlan, explored_frames, navigated_frames
-from toponav.plotting.maps import SPURIOUS
 from toponav.plotting.video import caption
+from toponav.plotting.walks import SPURIOUS
 
 MASK, _ = parse(MAZES["maze1"])
 PLAN = FloorPlan(episodes.MASK, cell_size=128.0)

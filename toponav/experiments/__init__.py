@@ -23,4 +23,5 @@ from toponav.experiments.groups import (
     missing_sentences as missing_sentences,
     scripted_of as scripted_of,
 )
+from toponav.experiments.kept_runs import keep_runs as keep_runs
 from toponav.experiments.making import RunMaker as RunMaker

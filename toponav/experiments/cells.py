@@ -18,12 +18,15 @@ from toponav.config import (
 from toponav.experiments.found_runs import (
     OTHER_RUNS,
     find_keys,
+    is_finished,
     named_run,
     plain,
     run_key,
 )
 from toponav.refusals import sentence_of
 
+#: The folder beside a table that keeps what it is made of.
+KEPT = "runs"
 # In the settings of a row: the folders of runs that come first, and in those of these
 # the setting that names the maze.
 _FIRST, _POLICY, MAZE = "{first}", "{policy}", "{maze}"
@@ -45,11 +48,20 @@ class Cell:
     first: "Cell | None" = None
     #: The run whose policy navigates.
     policy: "Cell | None" = None
+    #: Where its tables are kept once it is finished, or will be.
+    kept: Path | None = None
 
     @property
     def before(self) -> "tuple[Cell, ...]":
         """The runs that must be there first."""
         return tuple(one for one in (self.first, self.policy) if one is not None)
+
+    @property
+    def results(self) -> Path | None:
+        """The folder of its tables, the kept ones first; ``None`` if not finished."""
+        if self.kept is not None and is_finished(self.kept, networks=False):
+            return self.kept
+        return self.folder if is_finished(self.folder) else None
 
     @property
     def name(self) -> str:
@@ -195,9 +207,11 @@ def _make_cell(
     if folder is None:
         label = OmegaConf.select(config, "world.label") or config.maze.name
         folder = Path(settings.runs) / recipe / f"{label}-{settings.scale}-{key}"
-    given = (*words, f"seed={seed}")
+    given, kept = (*words, f"seed={seed}"), Path(settings.folder) / KEPT / key
     first, policy = (before.get(mark) for mark in (_FIRST, _POLICY))
-    return Cell(row, maze, seed, recipe, given, config, key, folder, first, policy)
+    return Cell(
+        *(row, maze, seed, recipe, given, config, key, folder, first, policy, kept)
+    )
 
 
 def _quote(word: str) -> str:

@@ -7,7 +7,6 @@ from omegaconf import OmegaConf
 
 from toponav.config import ReproduceConfig, RowConfig
 from toponav.experiments.cells import MAZE, Cell, plan_cells, rows_of
-from toponav.experiments.found_runs import is_finished
 from toponav.reports import judged_score, kept_return
 
 
@@ -100,8 +99,8 @@ def choose(settings: ReproduceConfig, tries: Sequence[Cell]) -> list[Choice]:
         scores: dict[int, list[float]] = {}
         for cell in mine:
             scores.setdefault(cell.seed, [])
-            if is_finished(cell.folder):
-                scores[cell.seed].append(judge(cell.folder))
+            if (results := cell.results) is not None:
+                scores[cell.seed].append(judge(results))
         mazes = len({cell.maze for cell in mine})
         means = {
             seed: sum(one) / mazes for seed, one in scores.items() if len(one) == mazes

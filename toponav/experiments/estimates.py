@@ -26,8 +26,19 @@ def every_cell(cells: Sequence[Cell]) -> list[Cell]:
 
 
 def missing_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Cells that are not finished, each once, first runs before their followers."""
-    return [cell for cell in every_cell(cells) if not is_finished(cell.folder)]
+    """Cells to be made, each once, first runs before their followers.
+
+    They have no results or, of runs that come first, not the networks or the map from
+    which a missing one starts.
+    """
+    found: dict[str, Cell] = {}
+    for cell in cells:
+        if cell.results is None:
+            for one in cell.before:
+                if not is_finished(one.folder):
+                    found.setdefault(one.key, one)
+            found.setdefault(cell.key, cell)
+    return list(found.values())
 
 
 def kind_of(cell: Cell) -> str:
@@ -52,7 +63,8 @@ def expected_seconds(
     measured: dict[tuple[str, str], list[float]] = {}
     count, by_figure = 0, False
     for cell in every_cell(cells):
-        if is_finished(cell.folder) and not math.isnan(s := seconds_of(cell.folder)):
+        at = cell.results
+        if at is not None and not math.isnan(s := seconds_of(at)):
             count += 1
             for name in (cell.row, kind_of(cell)):
                 measured.setdefault((cell.recipe, name), []).append(s)

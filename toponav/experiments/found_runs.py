@@ -108,8 +108,11 @@ def find_keys(runs: Path) -> dict[str, Path]:
     return found
 
 
-def is_finished(folder: Path) -> bool:
-    """Whether a run has left its results, and no later start of it goes on."""
+def is_finished(folder: Path, *, networks: bool = True) -> bool:
+    """Whether a run has left its results, and no later start of it goes on.
+
+    Without ``networks`` its tables are enough, for which a run is kept.
+    """
     try:
         if (folder / "evaluation.csv").is_file():
             read_exploration(folder)
@@ -124,7 +127,7 @@ def is_finished(folder: Path) -> bool:
         read_pretraining(folder)
     except (BrokenRunError, SettingsError):
         return False
-    return (folder / NETWORKS_FILE).is_file()
+    return not networks or (folder / NETWORKS_FILE).is_file()
 
 
 def decisions_of(folder: Path) -> float:

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from glob import escape
+from pathlib import Path
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -13,10 +15,10 @@ from toponav.config import (
     maze_words,
     paper_figures,
 )
-from toponav.experiments.cells import Cell, mazes_of, rows_of
-from toponav.experiments.found_runs import is_finished
+from toponav.experiments.cells import KEPT, Cell, mazes_of, rows_of
+from toponav.experiments.kept_runs import copy_missing
 from toponav.methods import REWARDS, make_world
-from toponav.reports import Group, scripted_rows
+from toponav.reports import Group, baselines_file, scripted_rows
 
 
 def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]:
@@ -27,7 +29,8 @@ def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]
         for given in mazes_of(settings, row):
             maze, _ = maze_words(given)
             own = [cell for cell in cells if (cell.row, cell.maze) == (row.label, maze)]
-            runs = {one.seed: one.folder for one in own if is_finished(one.folder)}
+            found = {one.seed: one.results for one in own}
+            runs = {seed: at for seed, at in found.items() if at is not None}
             before = _decisions_before(own[0]) if runs else math.nan
             figures = paper.get((row.label, maze), {})
             group = Group(
@@ -71,13 +74,21 @@ def explore_settings(cell: Cell) -> ExploreConfig:
 def scripted_of(
     settings: ReproduceConfig, cells: Sequence[Cell], *, play: bool
 ) -> Mapping[str, list[dict[str, Any]]]:
-    """By maze, the episodes of the experiment's scripted policies."""
+    """By maze, the episodes of the experiment's scripted policies.
+
+    They are kept beside the table and, where other runs look for them, put back.
+    """
     names, found = settings.experiment.scripted, dict[str, list[dict[str, Any]]]()
+    kept = Path(settings.folder) / KEPT / "baselines"
     for cell in cells:
         if names and cell.recipe == "explore" and cell.maze not in found:
             config = explore_settings(cell)
             world = make_world(config)
+            file = baselines_file(config, world)
+            every = f"{escape(file.stem)}*.json"
+            copy_missing(kept, file.parent, every)
             found[cell.maze] = scripted_rows(config, world, names, play=play)
+            copy_missing(file.parent, kept, every)
     return found
 
 
@@ -85,7 +96,7 @@ def missing_sentences(cells: Sequence[Cell], failures: Mapping[str, str]) -> lis
     """A sentence for every run that a table lacks."""
     sentences = []
     for cell in cells:
-        if not is_finished(cell.folder):
+        if cell.results is None:
             why = failures.get(cell.key, "it is not made yet")
             sentences.append(f"missing: {cell.name}: {why}")
     return sentences

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from toponav.experiments.cells import Cell
 from toponav.experiments.found_runs import decisions_of, is_finished
+from toponav.experiments.kept_runs import keep_run
 from toponav.runs import CHECKPOINT_FILE
 
 # Seconds in which a run that is asked to stop saves its state.
@@ -131,6 +132,7 @@ class RunMaker:
             key = job.cell.key
             if status == 0 and is_finished(job.cell.folder):
                 self._done.add(key)
+                keep_run(job.cell)
                 self._took += time.monotonic() - job.started
                 self._should += self.expected.get(key, 0.0)
                 continue

@@ -3,9 +3,9 @@
 import io
 import os
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, overload
 
 import numpy as np
 import torch
@@ -25,8 +25,11 @@ class Views(Protocol):
     def read(self, first: int, last: int) -> Tensor:
         """Those from ``first`` to before ``last``, ``[N, H, W, 3]``."""
 
-    def pictures(self) -> Iterator[Tensor | bytes]:
-        """All that there are now, those of a file as PNG; a thread may read them."""
+    def pictures(self) -> Sequence[Tensor | bytes]:
+        """All that there are now; those of a file are PNG, each read if asked for.
+
+        A thread may read them while more are added.
+        """
 
     def keep(self, kept: list[int]) -> None:
         """Drop all but these, which get new numbers."""
@@ -52,8 +55,8 @@ class ViewsInMemory:
         views = self._views[first:last]
         return torch.stack(views) if views else torch.empty(0)
 
-    def pictures(self) -> Iterator[Tensor | bytes]:
-        return iter(self._views[:])
+    def pictures(self) -> Sequence[Tensor | bytes]:
+        return self._views[:]
 
     def keep(self, kept: list[int]) -> None:
         self._views = [self._views[one] for one in kept]
@@ -63,6 +66,26 @@ class ViewsInMemory:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         self._views = list(state["images"].clone())
+
+
+class _Pictures(Sequence[bytes]):
+    """Parts of a file, from where each begins and as long as it is, in bytes."""
+
+    def __init__(self, file: io.FileIO, places: list[tuple[int, int]]) -> None:
+        self._file, self._places = file, places
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, at: int) -> bytes: ...
+    @overload
+    def __getitem__(self, at: slice) -> "_Pictures": ...
+    def __getitem__(self, at: int | slice) -> "bytes | _Pictures":
+        if isinstance(at, slice):
+            return _Pictures(self._file, self._places[at])
+        begin, length = self._places[at]
+        return os.pread(self._file.fileno(), length, begin)
 
 
 class ViewFile:
@@ -103,15 +126,12 @@ class ViewFile:
         self._places.append((at, len(data)))
 
     def read(self, first: int, last: int) -> Tensor:
-        found = [decode_view(self._png(*place)) for place in self._places[first:last]]
+        places = self._places[first:last]
+        found = [decode_view(one) for one in _Pictures(self._file, places)]
         return torch.stack(found) if found else torch.empty(0)
 
-    def pictures(self) -> Iterator[Tensor | bytes]:
-        places = self._places[:]
-        return (self._png(*place) for place in places)
-
-    def _png(self, at: int, length: int) -> bytes:
-        return os.pread(self._file.fileno(), length, at)
+    def pictures(self) -> "_Pictures":
+        return _Pictures(self._file, self._places[:])
 
     def keep(self, kept: list[int]) -> None:
         self._places = [self._places[one] for one in kept]

@@ -52,6 +52,7 @@ def map_quality(
     edges: Tensor,
     edge_cost: Tensor,
     *,
+    lengths: Tensor | None = None,
     walked: Tensor | None = None,
     far_cells: float = FALSE_EDGE_CELLS,
     hops: int = 3,
@@ -62,8 +63,9 @@ def map_quality(
     Poses ``[W, 3]`` are x and y in map units and heading in degrees. Paths over the
     ``edges``, int64 ``[E, 2]``, are planned by ``edge_cost`` ``[E]``, and short up to
     so many ``hops``. An edge is false if its ends are more than ``far_cells`` apart on
-    foot. ``walked``, bool ``[E]``, says which edges were, those that cost 1 by default.
-    ``seed`` is of the draw of waypoints.
+    foot; ``lengths`` ``[E]`` are `edge_lengths`, if known. ``walked``, bool ``[E]``,
+    says which edges were, those that cost 1 by default. ``seed`` is of the draw of
+    waypoints.
 
     Examples:
         >>> distances = GroundTruthDistances(torch.ones(1, 6).bool(), cell_size=10)
@@ -81,7 +83,8 @@ def map_quality(
     graph = rustworkx.PyGraph(multigraph=False)
     graph.add_nodes_from(range(len(poses)))
     graph.add_edges_from([*zip(*edges.T.tolist(), edge_cost.tolist(), strict=True)])
-    lengths = edge_lengths(distances, poses, edges)
+    if lengths is None:
+        lengths = edge_lengths(distances, poses, edges)
     far = lengths > far_cells * distances.cell_size
     generator = torch.Generator().manual_seed(seed)
     drawn = torch.randperm(len(poses), generator=generator)[:_SAMPLES]

@@ -57,5 +57,6 @@ class GroundNetwork(nn.Module):
         self.spread.copy_(embeddings.std(0) + 1e-3)
 
     def forward(self, embedding: Tensor) -> Tensor:
-        logits: Tensor = self.layers((embedding - self.mean) / self.spread)
-        return logits.unflatten(-1, (self.num_bearings, self.num_distances))
+        logits = self.layers((embedding - self.mean) / self.spread)
+        spots: Tensor = logits.unflatten(-1, (self.num_bearings, self.num_distances))
+        return spots

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from toponav.metrics import EpisodeTrace
-from toponav.plotting.maps import SPURIOUS, WAYPOINT, reward_limits
 from toponav.plotting.plan import AGENT, VALUE_COLOURS, FloorPlan
 from toponav.plotting.style import INK
+from toponav.plotting.walks import SPURIOUS, WAYPOINT, reward_limits
 from toponav.runs import replacing
 
 Frame = NDArray[np.uint8]

@@ -2,6 +2,7 @@
 
 from toponav.reports.baselines import (
     Baselines as Baselines,
+    baselines_file as baselines_file,
     start_baselines as start_baselines,
 )
 from toponav.reports.evaluation_beside import evaluating as evaluating

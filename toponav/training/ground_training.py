@@ -30,9 +30,9 @@ def train_ground(
     """Learn from V views where the ground before them is free.
 
     What an agent walked on in all of its episodes is the truth (`WalkedGround`): no
-    depth, no plan. Poses are off by a step or so, each in another direction, so that the
-    mean over views that look alike, which the network learns, is nearer to the walls
-    than each of them. Views whose pose is not known, NaN, are left out.
+    depth, no plan. Poses are off by a step or so, each in another direction: the mean
+    over views that look alike, which the network learns, is nearer to the walls than
+    each of them. Views whose pose is not known, NaN, are left out.
 
     Reference:
         Beyond the paper. Free space learned from what was driven on: Hadsell et al.,

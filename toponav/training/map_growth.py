@@ -229,12 +229,21 @@ class MapGrowth(Consumer):
         A thread does it; while it is at the last map, this one is left to the next
         time, or to `finish`.
         """
-        self._is_behind = self._writing is not None and not self._writing.done()
+        self._is_behind = self.is_writing
         if self._is_behind:
             return
         self.wait()
+        self._writing = self._thread.submit(self._write, folder, self.snapshot())
+
+    @property
+    def is_writing(self) -> bool:
+        """Whether the thread is at the last map."""
+        return self._writing is not None and not self._writing.done()
+
+    def snapshot(self) -> Snapshot:
+        """The map as it is now, which does not change while it grows."""
         version = self.map.network_version
-        snapshot = Snapshot(
+        return Snapshot(
             {
                 "decisions": self.decisions,
                 "networks_version": version,
@@ -242,23 +251,22 @@ class MapGrowth(Consumer):
             },
             self.map.state_dict(views=False),
             self.map.waypoints.views.pictures(),
-            self.map.waypoints.views.pictures(),
             self.map.edge_cost.amin(1),
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
             self.places,
             self.ground,
         )
-        self._writing = self._thread.submit(self._write, folder, snapshot)
 
     def _write(self, folder: Path, now: Snapshot) -> None:
         mend_beside(folder)
-        row, edges = now.row, now.state["edges"]
+        row, edges, lengths = now.row, now.state["edges"], torch.empty(0)
         if self.truth is None:
             num = len(now.state["origins"])
             row |= {"waypoints": num, "edges": len(edges), **map_parts(num, edges)}
         else:
-            row |= self.truth.measure(now, self.pretraining_decisions)
+            lengths = self.truth.lengths(now)
+            row |= self.truth.measure(now, lengths, self.pretraining_decisions)
             write_array(next_path(folder / POSES_FILE), now.poses)
         if now.places is not None:
             save_places(now.places, next_path(folder / PLACES_FILE), now.ground)
@@ -267,17 +275,14 @@ class MapGrowth(Consumer):
         about = {"maze": self.name} | name_contents(folder)
         save_map(now.state, folder / MAP_FILE, about=about, views=now.views)
         put_beside(folder, about)
-        save_figure(self._draw(now), folder / "topology.png", dpi=110)
+        save_figure(self._draw(now, lengths), folder / "topology.png", dpi=110)
 
-    def _draw(self, now: Snapshot) -> Figure:
+    def _draw(self, now: Snapshot, lengths: Tensor) -> Figure:
         row = now.row
         parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
         title = f"{self.name} after {row['decisions']:,} decisions: "
         if self.truth is not None:
-            title += f"{row['coverage']:.0%} of the cells, {parts} "
-            title += f"({row['true_components']} without the false edges, "
-            title += f"{row['false_edges']:.1%})"
-            return self.truth.draw(now, title)
+            return self.truth.draw(now, lengths, title, parts)
         title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
         num, edges = len(now.state["origins"]), now.state["edges"]
         return draw_graph(num, edges, now.cost, find_views=now.find_views, title=title)

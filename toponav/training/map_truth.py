@@ -1,7 +1,7 @@
 """`MapTruth`: judges a map by the ground truth, at one moment of its growth."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +25,7 @@ class Snapshot:
 
     row: Row
     state: dict[str, Any]  # without views
-    views: Iterator[Tensor | bytes]
-    shown: Iterator[Tensor | bytes]  # the same once more, for a picture
+    views: Sequence[Tensor | bytes]
     cost: Tensor  # of the edges, in the cheaper direction
     poses: Tensor
     decisions_to_cover: float
@@ -34,13 +33,13 @@ class Snapshot:
     ground: GroundNetwork | None = None  # what sees from a view where ground is free
 
     def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
-        """Views of some waypoints by their numbers; to be called once."""
-        wanted = {}
-        for number, view in enumerate(self.shown):
-            if number in numbers:
-                one = decode_view(view) if isinstance(view, bytes) else view
-                wanted[number] = one.numpy()
-        return wanted
+        """Views of some waypoints by their numbers, where there are any."""
+        some = [number for number in numbers if number < len(self.views)]
+        found = {number: self.views[number] for number in some}
+        return {
+            number: (decode_view(one) if isinstance(one, bytes) else one).numpy()
+            for number, one in found.items()
+        }
 
 
 class MapTruth:
@@ -64,14 +63,19 @@ class MapTruth:
         if bool(covered_cells(self._metric, self.poses.values).all()):
             self.decisions_to_cover = float(decisions)
 
-    def measure(self, now: Snapshot, pretrained: float) -> Row:
+    def lengths(self, now: Snapshot) -> Tensor:
+        """How far the ends of each edge are apart on foot, map units ``[E]``."""
+        return edge_lengths(self._metric, now.poses, now.state["edges"])
+
+    def measure(self, now: Snapshot, lengths: Tensor, pretrained: float) -> Row:
         """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
         edges, cost = now.state["edges"], now.cost
         walked, positions = cost <= 1, now.state["positions"]
         if not positions.isnan().any():
             # As a navigator that knows poses plans.
             cost = walking_costs(positions, edges, now.state["traversals"])
-        quality = map_quality(self._metric, now.poses, edges, cost, walked=walked)
+        given = self._metric, now.poses, edges, cost
+        quality = map_quality(*given, lengths=lengths, walked=walked)
         return {
             "cells": int(self._metric.open_mask.sum()),
             **vars(quality),
@@ -79,14 +83,14 @@ class MapTruth:
             "interaction_to_encode": now.decisions_to_cover + pretrained,
         }
 
-    def draw(self, now: Snapshot, title: str) -> Figure:
-        """The map over the plan."""
-        poses, edges = now.poses, now.state["edges"]
-        far = FALSE_EDGE_CELLS * self._metric.cell_size
-        spurious = edge_lengths(self._metric, poses, edges) > far
-        return draw_topological_map(
-            poses, edges, now.cost, spurious, plan=self._plan, title=title
-        )
+    def draw(self, now: Snapshot, lengths: Tensor, title: str, parts: str) -> Figure:
+        """The map over the plan; ``parts`` are as many as it seems to have."""
+        title += f"{now.row['coverage']:.0%} of the cells, {parts} "
+        title += f"({now.row['true_components']} without the false edges, "
+        title += f"{now.row['false_edges']:.1%})"
+        spurious = lengths > FALSE_EDGE_CELLS * self._metric.cell_size
+        given = now.poses, now.state["edges"], now.cost, spurious
+        return draw_topological_map(*given, plan=self._plan, title=title)
 
     def state_dict(self) -> dict[str, Any]:
         cover = self.decisions_to_cover

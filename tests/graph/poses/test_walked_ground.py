@@ -38,7 +38,7 @@ def test_spots_are_where_bearings_and_distances_say() -> None:
     found = spots(poses)
     assert found.shape == (1, 2, len(BEARINGS), len(DISTANCES), 2)
     left, far = BEARINGS.tolist().index(90.0), DISTANCES.tolist().index(4.0)
-    # Four steps to the left: north of one that looks east, south of one that looks west.
+    # Four steps to the left: to the north of one that looks east, and so on.
     assert found[0, 0, left, far].tolist() == pytest.approx([0, 4], abs=1e-5)
     assert found[0, 1, left, far].tolist() == pytest.approx([1, -2], abs=1e-5)
 

@@ -5,8 +5,7 @@ from torch import Tensor
 
 from toponav.graph.poses import DISTANCES, spots
 
-#: Steps of the nearest spot that is aimed at, and the fewest that it must be worth to be
-#: preferred to the straight line.
+#: Steps of the nearest spot that is aimed at, and the fewest that it must be worth.
 _LEAST, _WORTH = 1.5, 0.3
 
 
@@ -31,7 +30,7 @@ def aim_where_free(pose: Tensor, aim: Tensor, chance: Tensor) -> Tensor:
         >>> chance = torch.ones(1, 13, 12)
         >>> aim_where_free(east, aim, chance)
         tensor([[4., 0.]])
-        >>> chance[:, 5:8, 3:] = 0.0  # a wall two steps ahead, as wide as three bearings
+        >>> chance[:, 5:8, 3:] = 0.0  # a wall two steps ahead, three bearings wide
         >>> aim_where_free(east, aim, chance)
         tensor([[ 3.0311, -1.7500]])
     """

@@ -2,24 +2,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.offsetbox import AnnotationBbox
 
 from tests import episodes
 from tests.fakes import MAZES, parse
-from toponav.plotting import (
-    FloorPlan,
-    draw_exploration,
-    draw_graph,
-    draw_leg,
-    draw_topological_map,
-)
-from toponav.plotting.maps import SPURIOUS, reward_limits
+from toponav.plotting import FloorPlan, draw_exploration, draw_leg
+from toponav.plotting.walks import SPURIOUS, reward_limits
 
 MASK, SLOTS = parse(MAZES["maze1"])
 PLAN = FloorPlan(episodes.MASK, cell_size=128.0)
@@ -165,51 +157,3 @@ def test_a_leg_without_cuts_or_plan_is_drawn_too():
     figure = leg(cuts=np.empty((0, 2)), planned=[], edges=np.empty((0, 2)))
     names = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert "edge cut on the path" not in names
-
-
-def test_a_map_shows_each_kind_of_edge() -> None:
-    poses = torch.tensor([[64.0, 64, 0], [192, 64, 0], [448, 64, 0]])
-    edges, cost = torch.tensor([[0, 1], [0, 2], [1, 2]]), torch.tensor([1.0, 3.0, 1.0])
-    spurious = torch.tensor([False, False, True])
-    figure = draw_topological_map(poses, edges, cost, spurious, plan=PLAN, title="map")
-    (axes,) = figure.axes
-    names = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert names == [
-        "1 edges only seen",
-        "1 edges walked",
-        "1 edges spurious",
-        "3 waypoints with their headings",
-    ]
-
-
-@pytest.mark.parametrize("num_edges", [0, 2])
-def test_a_map_without_places_is_laid_out_from_its_edges(num_edges: int) -> None:
-    edges = torch.tensor([[0, 1], [1, 2]])[:num_edges]
-    figure = draw_graph(4, edges, torch.tensor([1.0, 3.0])[:num_edges], title="map")
-    FigureCanvasAgg(figure).draw()
-    (axes,) = figure.axes
-    (dots,) = (one for one in axes.collections if isinstance(one, PathCollection))
-    assert dots.get_offsets().shape == (4, 2)
-    assert len(np.unique(dots.get_offsets(), axis=0)) == 4
-    lines = [one for one in axes.collections if isinstance(one, LineCollection)]
-    assert [len(one.get_segments()) for one in lines] == [1] * num_edges
-
-
-def test_views_stand_beside_their_waypoints_where_there_is_room() -> None:
-    # A closed path of 40 waypoints, and one that no edge joins.
-    ring = torch.stack([torch.arange(40), (torch.arange(40) + 1) % 40], 1)
-    asked: list[int] = []
-
-    def find_views(numbers: list[int]) -> dict[int, np.ndarray]:
-        asked.extend(numbers)
-        return {one: np.full((6, 8, 3), one, np.uint8) for one in numbers}
-
-    figure = draw_graph(41, ring, torch.ones(40), find_views=find_views)
-    (axes,) = figure.axes
-    boxes = [one for one in axes.artists if isinstance(one, AnnotationBbox)]
-    assert 6 <= len(boxes) == len(set(asked)) <= 30
-    assert 40 not in asked
-    (dots,) = (one for one in axes.collections if isinstance(one, PathCollection))
-    for number, box in zip(asked, boxes, strict=True):
-        assert box.xy == pytest.approx(dots.get_offsets()[number])
-        assert (np.asarray(box.offsetbox.get_data()) == number).all()

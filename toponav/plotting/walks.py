@@ -1,17 +1,13 @@
-"""What was explored, drawn on the plan: an episode, a map, a path to the goal."""
+"""What an agent did, drawn on the plan: an episode, a path to the goal."""
 
-from collections.abc import Callable, Mapping
 from typing import Any
 
-import networkx
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import ArrayLike
-from torch import Tensor
 
 from toponav.metrics import EpisodeTrace, effective_cells, occupancy
 from toponav.plotting import style
@@ -26,8 +22,6 @@ from toponav.plotting.plan import (
 
 WAYPOINT, SPURIOUS = style.WHITE, style.RED
 _EDGE, _CUT = "#8c9bab", "#c1121f"
-# Size of a view in a graph, and the least distance of two, of the graph being 1.
-_VIEW_POINTS, _VIEW_SHARE = 46.0, 0.14
 # From a light blue that a visited cell has at least, to black.
 _TIMES = ["#d6e6f2", style.SKY, style.BLUE, "#12263a"]
 
@@ -95,124 +89,6 @@ def _draw_occupancy(axes: Axes, cells: np.ndarray, plan: FloorPlan) -> None:
         f"time spread as over {effective_cells(share):.0f};\n"
         f"the five busiest hold {busiest:.0%} of {len(cells):,} observations",
     )
-
-
-def draw_topological_map(
-    poses: Tensor,
-    edges: Tensor,
-    edge_cost: Tensor,
-    spurious: Tensor,
-    *,
-    plan: FloorPlan,
-    title: str = "",
-) -> Figure:
-    """Draw a map where its waypoints were seen.
-
-    Poses are ``[W, 3]``, x and y in map units and heading in degrees. Edges, int64
-    ``[E, 2]``, of a cost ``[E]`` above 1 were never walked; those with ends far apart
-    are ``spurious``, bool ``[E]``.
-    """
-    figure, axes = figure_of_plan(plan, (8.6, 8.2), title)
-    places = np.asarray(poses, float)
-    _draw_edges(axes, places[:, :2], edges, edge_cost, np.asarray(spurious))
-    turn, reach = np.deg2rad(places[:, 2]), 0.14 * plan.cell_size
-    tips = places[:, :2] + reach * np.stack([np.cos(turn), np.sin(turn)], 1)
-    style.add_lines(axes, np.stack([places[:, :2], tips], 1), style.INK, 0.5, zorder=4)
-    size = float(np.clip(300 / np.sqrt(max(len(places), 1)), 3, 22))
-    style.add_dots(axes, places, size, f"{len(places):,} waypoints with their headings")
-    style.add_legend_below(axes)
-    return figure
-
-
-def draw_graph(
-    num_waypoints: int,
-    edges: Tensor,
-    edge_cost: Tensor,
-    *,
-    find_views: Callable[[list[int]], Mapping[int, np.ndarray]] | None = None,
-    title: str = "",
-) -> Figure:
-    """Draw a map without ground truth: a layout computed from its edges alone.
-
-    Arguments are as for `draw_topological_map`; ``find_views`` returns views, uint8
-    ``[H, W, 3]``, of the waypoints whose numbers it gets, to be shown where they are.
-
-    Examples:
-        >>> import torch
-        >>> figure = draw_graph(2, torch.tensor([[0, 1]]), torch.ones(1))
-        >>> [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-        ['1 edges walked', '2 waypoints']
-    """
-    graph = networkx.empty_graph(num_waypoints)
-    graph.add_edges_from(edges.tolist())
-    # Enough to unfold some hundred waypoints in a second.
-    layout = networkx.spring_layout(graph, iterations=60, seed=0)
-    places = np.array(list(layout.values())).reshape(-1, 2)
-    figure, axes = figure_of_plan(None, (8.6, 8.2), title)
-    _draw_edges(axes, places, edges, edge_cost, np.zeros(len(edges), bool))
-    style.add_dots(axes, places, 14, f"{num_waypoints:,} waypoints")
-    if find_views is not None and num_waypoints:
-        shown = _far_apart(places, np.unique(edges) if len(edges) else None)
-        for number, view in find_views(shown).items():
-            _show_view(axes, places[number], view)
-        # Room for the views at the edge.
-        axes.margins(0.06, 0.12)
-    axes.set_axis_off()
-    style.add_legend_below(axes, 0.02)
-    return figure
-
-
-def _far_apart(places: np.ndarray, among: ArrayLike | None) -> list[int]:
-    """Numbers of places ``[W, 2]`` that leave room for a view each.
-
-    ``among`` are those to choose from, all unless given.
-    """
-    numbers = np.arange(len(places)) if among is None else np.asarray(among)
-    points = places[numbers]
-    room = _VIEW_SHARE * max(np.ptp(places, axis=0).max(), 1e-9)
-    chosen = [int(np.linalg.norm(points - points.mean(0), axis=1).argmax())]
-    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while distance.max() >= room:
-        chosen.append(int(distance.argmax()))
-        newest = np.linalg.norm(points - points[chosen[-1]], axis=1)
-        distance = np.minimum(distance, newest)
-    return [int(number) for number in numbers[chosen]]
-
-
-def _show_view(axes: Axes, place: np.ndarray, view: np.ndarray) -> None:
-    """A view in a thin frame beside its waypoint."""
-    zoom = _VIEW_POINTS / max(view.shape[:2])
-    image = OffsetImage(view, zoom=zoom, interpolation="nearest")
-    box = {"edgecolor": style.INK, "linewidth": 0.6}
-    arrow = {"arrowstyle": "-", "color": style.INK, "linewidth": 0.6}
-    shown = AnnotationBbox(
-        image,
-        (place[0], place[1]),
-        xybox=(0, 0.62 * _VIEW_POINTS),
-        boxcoords="offset points",
-        pad=0.05,
-        bboxprops=box,
-        arrowprops=arrow,
-        zorder=6,
-    )
-    axes.add_artist(shown)
-
-
-def _draw_edges(
-    axes: Axes, places: np.ndarray, edges: Tensor, cost: Tensor, spurious: np.ndarray
-) -> None:
-    ends = places[np.asarray(edges).reshape(-1, 2)]
-    walked = np.asarray(cost) <= 1
-    # Many edges hide the plan: the more there are, the thinner they are.
-    thin = float(np.clip(40 / np.sqrt(max(len(edges), 1)), 0.35, 1.6))
-    for some, colour, width, name in (
-        (~walked & ~spurious, style.SKY, 0.6 * thin, "only seen"),
-        (walked & ~spurious, style.BLUE, thin, "walked"),
-        (spurious, style.RED, 1.3 * thin, "spurious"),
-    ):
-        if some.any():
-            label = f"{some.sum():,} edges {name}"
-            style.add_lines(axes, ends[some], colour, width, label=label)
 
 
 def draw_leg(

@@ -1,0 +1,142 @@
+"""The tables of finished runs outlive the runs, and a table is made of them again."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.experiments.planning import reproducing
+from tests.experiments.test_choosing import finish, small
+from tests.experiments.test_found_runs import save
+from tests.sweeps import make_pretraining
+from toponav.config import ReproduceConfig, RowConfig
+from toponav.experiments import (
+    Cell,
+    announce,
+    keep_runs,
+    make_groups,
+    missing_cells,
+    missing_sentences,
+    plan_cells,
+)
+from toponav.experiments.found_runs import find_keys, is_finished
+from toponav.reports import explore_table
+
+TABLES = {"evaluation.csv", "episodes.csv", "metrics.csv"}
+
+
+@pytest.fixture
+def settings(tmp_path: Path):
+    """Three rows of one run each; the table is in the folder of the runs."""
+    words = ["reproduce=smoke", f"runs={tmp_path}", f"folder={tmp_path / 'table'}"]
+    with reproducing(*words, "most_mazes=1") as given:
+        yield small(given)
+
+
+def lose(cells: list[Cell]) -> None:
+    for cell in cells:
+        shutil.rmtree(cell.folder, ignore_errors=True)
+
+
+def test_a_table_is_made_again_of_what_is_kept(settings: ReproduceConfig) -> None:
+    cells = plan_cells(settings)
+    for number, cell in enumerate(cells):
+        finish(cell, 0.5 + 0.1 * number)
+        (cell.folder / "policy.pt").touch()
+        (cell.folder / "map.png").touch()
+    table = explore_table(make_groups(settings, cells), {}, draws=50)
+    keep_runs(cells)
+    for cell in cells:
+        found = {path.name for path in cell.kept.rglob("*") if path.is_file()}
+        assert found == TABLES | {"config.yaml"}
+    lose(cells)
+
+    again = plan_cells(settings)
+    assert [cell.results for cell in again] == [
+        Path(settings.folder) / "runs" / cell.key for cell in cells
+    ]
+    assert missing_cells(again) == missing_sentences(again, {}) == []
+    assert announce(settings, again) == "table3: all 3 runs are there"
+    made = explore_table(make_groups(settings, again), {}, draws=50)
+    assert made.equals(table)
+    # What is kept is nobody's run: others would look for its networks.
+    assert find_keys(Path(settings.runs)) == {}
+
+
+def test_half_a_copy_is_not_read(
+    settings: ReproduceConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = plan_cells(settings)[0]
+    finish(cell, 0.5)
+    copyfile = shutil.copyfile
+
+    def fail(source: Path, target: Path) -> None:
+        if source.name == "metrics.csv":
+            raise OSError("no room")
+        copyfile(source, target)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(shutil, "copyfile", fail)
+        with pytest.raises(OSError, match="no room"):
+            keep_runs([cell])
+    assert not cell.kept.exists()
+    assert cell.results == cell.folder
+    keep_runs([cell])
+    assert cell.results == cell.kept
+    # One that was damaged later is made again, as long as its run is there.
+    (cell.kept / "episodes.csv").write_text("decisions,coverage\n1800\n")
+    assert cell.results == cell.folder
+    keep_runs([cell])
+    assert cell.results == cell.kept
+    (cell.kept / "episodes.csv").unlink()
+    lose([cell])
+    assert cell.results is None
+    assert missing_cells([cell]) == [cell]
+
+
+def test_what_is_kept_stays_as_it_is(settings: ReproduceConfig) -> None:
+    cell = plan_cells(settings)[0]
+    finish(cell, 0.5)
+    keep_runs([cell])
+    before = {path: path.stat().st_ino for path in cell.kept.rglob("*")}
+    text = (cell.folder / "evaluation.csv").read_text()
+    (cell.folder / "evaluation.csv").write_text(text.replace("0.4", "0.6"))
+    keep_runs([cell])
+    assert {path: path.stat().st_ino for path in cell.kept.rglob("*")} == before
+    assert (cell.kept / "evaluation.csv").read_text() == text
+
+
+def test_a_run_is_made_again_if_another_one_starts_from_it(
+    settings: ReproduceConfig,
+) -> None:
+    row = RowConfig(
+        label="tuned",
+        overrides=["reward=random", "init_policy={first}"],
+        first=["maze=select", "reward=random"],
+    )
+    experiment = replace(settings.experiment, rows=[row])
+    settings = replace(settings, experiment=experiment, seeds=2)
+    cells = plan_cells(settings)
+    firsts = [cell.first for cell in cells if cell.first is not None]
+    for cell in (*firsts, cells[0]):
+        finish(cell, 0.5)
+    keep_runs([*firsts, cells[0]])
+    assert missing_cells(cells) == [cells[1]]
+    lose([*firsts, *cells])
+    # The first seed is kept, and nothing starts from its first run any more.
+    assert missing_cells(cells) == [firsts[1], cells[1]]
+
+
+def test_a_pre_training_is_kept_without_its_networks(tmp_path: Path) -> None:
+    folder = save(make_pretraining(tmp_path, mazes={"maze1": 0.9}), {"seed": 0})
+    (folder / "networks.pt").touch()
+    kept = tmp_path / "kept"
+    cell = Cell("k = 1", "", 0, "pretrain", (), {}, "key", folder, kept=kept)
+    keep_runs([cell])
+    assert {path.name for path in kept.iterdir()} == {
+        *("config", "report.json", "metrics.csv")
+    }
+    lose([cell])
+    assert cell.results == kept
+    assert not is_finished(kept)

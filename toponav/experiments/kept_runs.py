@@ -1,0 +1,57 @@
+"""Small copies of finished runs beside a table, which outlive the runs' folders."""
+
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from toponav.experiments.cells import Cell
+from toponav.experiments.found_runs import is_finished
+from toponav.runs import replacing
+
+# What tables, figures and estimates are made of: no networks, maps or pictures. Without
+# ``hydra.yaml``, which names places of this machine, nobody takes a copy for a run.
+_KEPT = (
+    *("config/config.yaml", "config/overrides.yaml"),
+    *("evaluation.csv", "episodes.csv", "metrics.csv", "phases.csv"),
+    *("summary.csv", "report.json"),
+)
+
+
+def keep_run(cell: Cell) -> None:
+    """Copy the tables of a finished run to where it is kept, all of them or none.
+
+    What is kept already stays as it is: a table made again is the same.
+    """
+    kept = cell.kept
+    if kept is None or cell.results == kept or not is_finished(cell.folder):
+        return
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{kept.name}.", dir=kept.parent) as place:
+        whole = Path(place) / kept.name
+        for name in _KEPT:
+            copy_missing(cell.folder, whole, name)
+        # A damaged one, which no run is read from.
+        shutil.rmtree(kept, ignore_errors=True)
+        try:
+            whole.rename(kept)
+        except OSError:
+            # Another process may have been faster.
+            if cell.results != kept:
+                raise
+
+
+def keep_runs(cells: Iterable[Cell]) -> None:
+    """Keep those of the runs that are finished."""
+    for cell in cells:
+        keep_run(cell)
+
+
+def copy_missing(source: Path, target: Path, pattern: str) -> None:
+    """Copy the files of a pattern that another folder lacks, none of them in part."""
+    for file in source.glob(pattern):
+        copy = target / file.relative_to(source)
+        if not copy.is_file():
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(copy) as temporary:
+                shutil.copyfile(file, temporary)
