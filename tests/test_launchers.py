@@ -1,5 +1,6 @@
 """Sweeps and tables by launchers of Hydra's for clusters, here on this machine."""
 
+import csv
 import os
 import subprocess
 import sys
@@ -20,8 +21,19 @@ def needs(launcher: str, extra: str) -> pytest.MarkDecorator:
 
 
 SUBMITIT = ("hydra/launcher=submitit_local",)
-#: One run after the other, on a cluster of its own.
-RAY = ("hydra/launcher=ray", "+hydra.launcher.ray.init.num_cpus=1")
+#: On a cluster of its own.
+RAY = ("hydra/launcher=ray",)
+#: How many of its runs go at a time; submitit starts all of them.
+RAY_RUNS = "+hydra.launcher.ray.init.num_cpus"
+IS_THERE = {
+    SUBMITIT: needs("submitit", "extra: slurm"),
+    RAY: needs("ray", "extra: ray-sweeps"),
+}
+by_each = pytest.mark.parametrize(
+    "launcher",
+    [pytest.param(one, marks=mark) for one, mark in IS_THERE.items()],
+    ids=["submitit", "ray"],
+)
 
 
 def run(recipe: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -41,7 +53,21 @@ def run(recipe: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]
 
 
 @pytest.mark.slow
-@needs("submitit", "extra: slurm")
+@by_each
+def test_a_job_that_is_refused_says_so_and_the_others_go_on(
+    launcher: tuple[str, ...], tmp_path: Path
+) -> None:
+    words = [*launcher, "maze=maze1", "maze.blocked=[a],[z]", "hydra.sweep.dir=sweep"]
+    words += [f"{RAY_RUNS}=1"] * (launcher is RAY)
+    done = run("tour", *words, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "blocked slots must be slots of maze1 (a, b), got 'z'" in done.stderr
+    (made,) = (tmp_path / "sweep").rglob("plan.png")
+    assert "blocked=a" in made.parent.name
+
+
+@pytest.mark.slow
+@IS_THERE[SUBMITIT]
 def test_a_sweep_is_jobs_of_submitit(tmp_path: Path) -> None:
     words = [*SUBMITIT, "reward=coverage", "seed=0,1", "hydra.sweep.dir=sweep"]
     done = run("explore", *words, cwd=tmp_path)
@@ -59,22 +85,25 @@ def test_a_sweep_is_jobs_of_submitit(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@needs("submitit", "extra: slurm")
-def test_jobs_share_the_runs_of_a_table(tmp_path: Path) -> None:
-    words = [*SUBMITIT, "worker=0,1", "rows=[random reward]", "folder=out"]
+@by_each
+def test_two_jobs_make_a_table(launcher: tuple[str, ...], tmp_path: Path) -> None:
+    rows = "rows=[random reward,coverage (truth)]"
+    words = [*launcher, "worker=0,1", rows, "folder=out"]
+    words += [f"{RAY_RUNS}=2"] * (launcher is RAY)
     done = run("reproduce", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out" / "table3.csv").is_file()
-    # One run was missing, and one was made.
-    assert len(list((tmp_path / "runs").rglob("policy.pt"))) == 1
+    with (tmp_path / "out/table3.csv").open(newline="") as file:
+        table = {row["row"]: row for row in csv.DictReader(file)}
+    for label in ("random reward", "coverage (truth)"):
+        assert table[label]["runs"] == "1 of 1"
+        assert 0 < float(table[label]["coverage (%)"]) < 100
+    # Each run was made once, and one began before the other ended: of a job that makes
+    # one at a time, they are the work of two.
+    ended = {path.parent: path for path in (tmp_path / "runs").rglob("policy.pt")}
+    assert len(ended) == 2
+    last_begin = max(when(folder / "config" / "config.yaml") for folder in ended)
+    assert last_begin < min(when(path) for path in ended.values())
 
 
-@pytest.mark.slow
-@needs("ray", "extra: ray-sweeps")
-def test_a_sweep_is_tasks_of_ray(tmp_path: Path) -> None:
-    words = [*RAY, "maze=maze1", "maze.blocked=[a],[z]", "hydra.sweep.dir=sweep"]
-    done = run("tour", *words, cwd=tmp_path)
-    # One is refused, in words, and the other made.
-    assert done.returncode == 2, done.stderr
-    assert "blocked slots must be slots of maze1 (a, b), got 'z'" in done.stderr
-    assert len(list((tmp_path / "sweep").rglob("plan.png"))) == 1
+def when(path: Path) -> float:
+    return path.stat().st_mtime

@@ -48,7 +48,7 @@ _LEAST_MB = 1.0
 
 
 class _JobError(Exception):
-    """A job of a sweep ended with a sentence, which was printed; holds its status."""
+    """A job of a sweep ended with a sentence, which it printed; its status and that."""
 
 
 def recipe(
@@ -183,27 +183,32 @@ def _run_job(
             with _one_sentence(name, ()):
                 raise
         # Hydra goes on with the next job, and raises the first error at the end.
-        print(f"{name}: {sentence} ({' '.join(words)})", file=sys.stderr)  # noqa: T201
+        said = f"{name}: {sentence} ({' '.join(words)})"
+        print(said, file=sys.stderr)  # noqa: T201
         refused = isinstance(error, REFUSALS)
-        raise _JobError(_USAGE_ERROR if refused else _FAILED) from error
+        raise _JobError(_USAGE_ERROR if refused else _FAILED, said) from error
 
 
 @contextmanager
 def _one_sentence(name: str, jobs: Sequence[Path]) -> Iterator[None]:
     """Say what is wrong with the settings or the engine, and end the process.
 
-    Of a sweep each job has said it; where it has several, the last line says so. Its
-    folder goes if it holds no run.
+    Of a sweep each job has said it; where it has several, the last line says so. Where
+    they ran elsewhere, what the first one said is repeated, as launchers keep that in
+    files. The sweep's folder goes if it holds no run.
     """
     try:
         yield
     except _JobError as error:
+        status, said = error.args
+        if not jobs:
+            print(said, file=sys.stderr)  # noqa: T201
         for folder in filter(Path.is_dir, set(jobs)):
             remove_unused(folder, {"multirun.yaml"})
         if len(jobs) != 1:
-            said = "not all jobs of the sweep succeeded"
-            print(f"{name}: {said}", file=sys.stderr)  # noqa: T201
-        sys.exit(error.args[0])
+            rest = "not all jobs of the sweep succeeded"
+            print(f"{name}: {rest}", file=sys.stderr)  # noqa: T201
+        sys.exit(status)
     except KeyboardInterrupt:
         print(f"{name}: stopped by Ctrl-C", file=sys.stderr)  # noqa: T201
         sys.exit(128 + signal.SIGINT)
