@@ -2,7 +2,7 @@ r"""What writing a map costs an exploration: seconds, waits of the learner, byte
 
     PYTHONPATH=. python benchmarks/map_writing.py --out results/map_writing.json
 
-A map of ``scale=paper`` (two times 512 numbers and a view of 120x160 a waypoint) lies
+A map of ``scale=paper`` (two times 512 numbers and a view a waypoint) lies
 over the plan of maze3, with about five edges a waypoint and views of random walks. It
 is written as in an exploration: the caller takes a snapshot, and a thread judges the
 map, writes its files and draws it. Meanwhile the caller does what stands for a learner,
