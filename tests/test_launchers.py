@@ -87,7 +87,7 @@ def test_a_sweep_is_jobs_of_submitit(tmp_path: Path) -> None:
 @pytest.mark.slow
 @by_each
 def test_two_jobs_make_a_table(launcher: tuple[str, ...], tmp_path: Path) -> None:
-    rows = "rows=[random reward,coverage (truth)]"
+    rows = "rows=[random reward,'coverage (truth)']"
     words = [*launcher, "worker=0,1", rows, "folder=out"]
     words += [f"{RAY_RUNS}=2"] * (launcher is RAY)
     done = run("reproduce", *words, cwd=tmp_path)
