@@ -79,6 +79,7 @@ def test_each_recipe_has_a_script_and_a_file(recipe: str) -> None:
     assert (CONF.parent / "recipes" / f"{recipe}.py").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("group", "option"), options())
 def test_each_option_of_each_group_is_valid(group: str, option: str) -> None:
     recipes = [

@@ -86,6 +86,7 @@ def test_flags_stand_before_all_settings_or_after_them(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("garbled", ["seed: [1\n", "\0\1", "- a\n", "a: !!python/x y"])
 def test_a_garbled_config_of_a_run_is_one_sentence(
     tmp_path: Path, garbled: str

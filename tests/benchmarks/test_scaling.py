@@ -27,9 +27,10 @@ def test_a_small_maze_is_explored_mapped_and_navigated_once(
     assert row["area"] == 25
     assert 7 <= row["cells"] <= 9
     assert row["episode_length"] == round(1_800 / 63 * row["cells"])
-    # So small a maze is covered by who knows it, and by random walks.
+    # Who knows the maze covers it. Two random walks leave the cell that they began in,
+    # 1 of 9 or more, and need not see all.
     assert row["frontier_coverage"] == 100
-    assert row["random_coverage"] > 90
+    assert 100 / 7 < row["random_coverage"] <= 100
     assert row["map_waypoints"] > 0
     assert row["decisions_per_second"] > 0
     # Maps of smoke have no poses.

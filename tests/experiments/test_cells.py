@@ -31,6 +31,7 @@ def kind(row: RowConfig) -> tuple[str, ...]:
     return tuple(re.sub(r"(\w\.\w+)=.*", r"\1", word) for word in words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_row_of_every_experiment_is_a_run(name: str, tmp_path: Path) -> None:
     with reproducing(

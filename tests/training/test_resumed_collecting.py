@@ -90,7 +90,10 @@ def batches(collector: MailboxCollector, number: int) -> list[TensorDictBase]:
     return [collector.rollout().clone() for _ in range(number)]
 
 
-@pytest.mark.parametrize("overrides", RUNS)
+@pytest.mark.parametrize(
+    "overrides",
+    [*RUNS[:3], *(pytest.param(one, marks=pytest.mark.slow) for one in RUNS[3:])],
+)
 def test_a_collector_goes_on_where_another_one_was(overrides: tuple[str, ...]) -> None:
     config = explore_settings(*SMALL, *overrides)
     explorer = make_explorer(config)
