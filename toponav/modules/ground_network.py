@@ -1,13 +1,11 @@
 """`GroundNetwork`: where a view says that the ground before the agent is free."""
 
-import torch
-from torch import Tensor, nn
-from torchrl.modules import MLP
+from torch import Tensor
 
-_DROPOUT = 0.1
+from toponav.modules.scaled_mlp import ScaledMLP
 
 
-class GroundNetwork(nn.Module):
+class GroundNetwork(ScaledMLP):
     """Embeddings of views to the chance that each of K x R spots ahead is free.
 
     A TC-network compares views and a `PlaceNetwork` names places; neither says where
@@ -23,12 +21,10 @@ class GroundNetwork(nn.Module):
         float32 ``[*B, D]`` to logits ``[*B, K, R]``.
 
     Examples:
+        >>> import torch
         >>> GroundNetwork(8, 13, 12)(torch.zeros(2, 8)).shape
         torch.Size([2, 13, 12])
     """
-
-    mean: Tensor
-    spread: Tensor
 
     def __init__(
         self,
@@ -38,25 +34,13 @@ class GroundNetwork(nn.Module):
         *,
         hidden: int = 256,
     ) -> None:
-        super().__init__()
+        num_spots = num_bearings * num_distances
+        super().__init__(embedding_size, num_spots, [hidden, hidden])
         self.embedding_size, self.hidden = embedding_size, hidden
         self.num_bearings, self.num_distances = num_bearings, num_distances
-        self.register_buffer("mean", torch.zeros(embedding_size))
-        self.register_buffer("spread", torch.ones(embedding_size))
-        self.layers = MLP(
-            embedding_size,
-            num_bearings * num_distances,
-            num_cells=[hidden, hidden],
-            activation_class=nn.ReLU,
-            dropout=_DROPOUT,
-        )
 
-    def scale_by(self, embeddings: Tensor) -> None:
-        """Take mean and deviation of the inputs from embeddings ``[V, D]``."""
-        self.mean.copy_(embeddings.mean(0))
-        self.spread.copy_(embeddings.std(0) + 1e-3)
-
-    def forward(self, embedding: Tensor) -> Tensor:
-        logits = self.layers((embedding - self.mean) / self.spread)
-        spots: Tensor = logits.unflatten(-1, (self.num_bearings, self.num_distances))
-        return spots
+    def forward(self, inputs: Tensor) -> Tensor:
+        """Logits of the spots ``[*B, K, R]`` of embeddings ``[*B, D]``."""
+        shape = self.num_bearings, self.num_distances
+        logits: Tensor = super().forward(inputs).unflatten(-1, shape)
+        return logits

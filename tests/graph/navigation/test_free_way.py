@@ -21,8 +21,9 @@ def test_where_all_is_free_it_is_the_straight_line() -> None:
 
 def test_a_wall_on_the_line_is_passed_where_the_view_says() -> None:
     aim, chance = torch.tensor([[4.0, 0.0]]), all_free()
-    # A wall one step ahead, for the bearings from -15 to the left end.
-    chance[:, (BEARINGS > -20), 2:] = 0.0
+    # A thin wall 1.5 steps ahead, for the bearings from -15 to the left end; what is
+    # behind it is free, and not to be come to.
+    chance[:, BEARINGS > -20, 2] = 0.0
     (found,) = aim_where_free(EAST, aim, chance).tolist()
     # At -30 degrees the nearest point to the aim is 4 cos(30) = 3.46 steps away: the
     # spot at 3.5, 2.00 from the aim, saves 2.00 of the four steps.
@@ -42,7 +43,8 @@ def test_the_aim_stays_where_nothing_is_worth_it_or_it_is_near() -> None:
     behind = torch.tensor([[-4.0, 0.0]])
     # All spots are before the agent and save nothing.
     assert aim_where_free(EAST, behind, all_free()).equal(behind)
-    near = torch.tensor([[0.5, 0.7]])
+    # A spot is 0.1 steps beside it, and worth 1.3.
+    near = torch.tensor([[1.4, 0.0]])
     assert aim_where_free(EAST, near, all_free()).equal(near)
 
 
