@@ -7,8 +7,10 @@
 The agent walks to waypoints of its own map, which it draws at random, and learns from
 how it comes along by its own belief about its pose: no position, no plan of the maze,
 no goal and no reward of a task. What it learns corrects what steering in free space
-says of each action: around corners, along walls, out of dead ends. The run folder gets
-``controller.pt``, ``practice.csv`` and ``practice.png`` while it runs.
+says of each action: around corners, along walls, out of dead ends; and which edges of
+the map it passed, how long they took, and which led nowhere. The run folder gets
+``controller.pt``, ``edge_trials.pt``, ``practice.csv`` and ``practice.png`` while it
+runs.
 """
 
 from toponav.interrupts import catch_early
@@ -27,6 +29,7 @@ from toponav.builders import (
     make_controller,
     make_practice_env,
     save_controller,
+    save_trials,
 )
 from toponav.config import PractiseConfig
 from toponav.launch import recipe
@@ -72,12 +75,21 @@ def main(settings: PractiseConfig, folder: Path) -> None:
             measured = learner.extend(batch)
             bar.update(batch.numel())
             bar.set_postfix({name: f"{measured[name]:.2f}" for name in measured})
+            trials = navigator.trials
+            measured |= {
+                "confirmed": float(trials.confirmed.any(1).float().mean()),
+                "mistaken": float(trials.mistaken.float().mean()),
+            }
             rows.append({"decisions": bar.n, **measured})
             write_practice(folder, rows)
             save_controller(controller, folder)
+            save_trials(trials, folder)
             if stop.requested:
                 break
     print(f"controller of {bar.n:,} decisions written to {folder}")
+    found = (int(one.sum()) for one in (trials.confirmed.any(1), trials.mistaken))
+    said = "of {:,} edges {:,} were passed, and {:,} left out as mistakes"
+    print(said.format(len(trials.edges), *found))
 
 
 if __name__ == "__main__":

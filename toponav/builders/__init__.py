@@ -21,6 +21,11 @@ from toponav.builders.collection import (
     make_walk_policy as make_walk_policy,
     taken_meanwhile as taken_meanwhile,
 )
+from toponav.builders.edge_trials import (
+    TRIALS_FILE as TRIALS_FILE,
+    load_trials as load_trials,
+    save_trials as save_trials,
+)
 from toponav.builders.maps import (
     action_effects as action_effects,
     make_map as make_map,

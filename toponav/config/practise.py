@@ -24,6 +24,7 @@ class PracticeConfig(Settings):
     minibatch: int = at_least(2)
     clip_epsilon: float = above(0)
     entropy_coeff: float = at_least(0)
+    confirm: float = between(0, 1)
 
 
 @dataclass

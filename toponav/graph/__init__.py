@@ -21,6 +21,7 @@ from toponav.graph.map_file import (
 )
 from toponav.graph.navigation import (
     BeliefRules as BeliefRules,
+    EdgeTrials as EdgeTrials,
     Localiser as Localiser,
     Locomotion as Locomotion,
     Map as Map,

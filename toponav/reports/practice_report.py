@@ -10,6 +10,7 @@ _PANELS = {
     "Progress of a decision, in decisions": ["progress"],
     "Targets per 1,000 decisions": ["reached", "given up"],
     "Entropy of the actions": ["entropy"],
+    "Share of the edges": ["confirmed", "mistaken"],
 }
 
 

@@ -1,30 +1,42 @@
 """An agent that walks to waypoints of its own choice in the ring, and says how."""
 
+from dataclasses import replace
+
+import pytest
 import torch
 from tensordict import TensorDict
 
-from tests.graph.navigation.test_pose_navigator import POSES, go, make, reading
+from tests.graph.navigation.test_pose_navigator import (
+    POSES,
+    ROUND,
+    edges,
+    go,
+    make,
+    reading,
+)
 from toponav import keys
 from toponav.graph import PractisingNavigator, SteeringSenses
+from toponav.graph.navigation import practising_navigator
 from toponav.modules import SteeringNetwork
 
 START = (6.9, 2.5, 10.0)
 
 
-def practising(controller=None, seed=0) -> PractisingNavigator:
+def practising(controller=None, seed=0, map=None, confirm=0.0) -> PractisingNavigator:
     """The navigator of the ring, made to practise."""
     other = make(seed)
     size = other.map.embeddings.shape[1]
     actions = len(other.known.effects)
     network = SteeringNetwork(size, SteeringSenses.size(actions), actions)
     return PractisingNavigator(
-        map=other.map,
+        map=map or other.map,
         embed=other.embed,
         compare=other.compare,
         rules=other.rules,
         known=other.known,
         belief=other.belief_rules,
         controller=controller or network,
+        confirm=confirm,
         seed=seed,
     )
 
@@ -118,3 +130,52 @@ def test_senses_are_seen_from_the_agent() -> None:
     # The last action; the second is half a decision worse, the third 2 at most.
     assert found[16:].tolist() == [0, 0, 1, 0, -0.5, -2]
     assert len(found) == SteeringSenses.size(3)
+
+
+def test_edges_are_what_was_walked() -> None:
+    # From below to above, through the block in the middle: four steps that nobody can
+    # make, where half of the way round is 22.
+    known = make().map
+    ends = [ROUND.index(place) * 4 + 1 for place in ((6.9, 2.5), (6.9, 13.5))]
+    more = torch.cat([known.edges, torch.tensor([ends])])
+    cost = torch.cat([known.edge_cost, torch.tensor([4.0])])
+    navigator = practising(map=replace(known, edges=more, edge_cost=cost))
+    found = walk(navigator, 400)
+    trials = navigator.trials
+    assert trials.passed[-1].tolist() == [0, 0]
+    assert trials.mistaken.nonzero().tolist() == [[len(more) - 1]]
+    # Others were passed, and took about as long as steps and turns do.
+    tried = trials.tried[:-1] > 0
+    assert trials.passed[:-1].sum() / trials.tried[:-1].sum() > 0.75
+    took = trials.duration[:-1][tried & trials.confirmed[:-1]]
+    assert 1 <= took.median() <= 8
+    # It costs more than it did, plans do without it, and targets are reached.
+    assert trials.costs(cost)[-1].max() > 8
+    assert not trials.kept(len(POSES))[-1]
+    assert sum(bool(data[keys.REACHED]) for data in found[-200:]) >= 3
+
+
+def test_targets_are_chosen_to_confirm_edges(monkeypatch) -> None:
+    monkeypatch.setattr(practising_navigator, "_LATE", 0)
+    # All edges were passed but those on one side, from the corner where the agents are.
+    new = (POSES[edges()][..., 0] < 3).all(1)
+    shares = []
+    for confirm in (0.0, 1.0):
+        navigator = practising(confirm=confirm)
+        for counts in (navigator.trials.passed, navigator.trials.walked):
+            counts[~new] = 1
+        # An agent that begins knows no place yet; each takes its second target now.
+        for begins in (True, False):
+            data = TensorDict.cat([look((2.5, 2.5, 0.0), begins=begins)] * 48)
+            targets = navigator(data)[keys.GOAL_NODE].flatten()
+        x, y, _ = POSES[targets].unbind(1)
+        shares.append(float((y > x).float().mean()))
+    # To half of the places the way is over that side; of four waypoints one is there in
+    # all but 0.5 ** 4 of the draws.
+    assert shares[0] < 0.7
+    assert shares[1] > 0.8
+
+
+def test_the_share_of_such_targets_is_one() -> None:
+    with pytest.raises(ValueError, match=r"confirm must be in \[0, 1\], got 2"):
+        practising(confirm=2.0)

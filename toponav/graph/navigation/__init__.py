@@ -1,5 +1,6 @@
 """From a map and a picture of the goal to actions."""
 
+from toponav.graph.navigation.edge_trials import EdgeTrials as EdgeTrials
 from toponav.graph.navigation.localiser import Localiser as Localiser, Map as Map
 from toponav.graph.navigation.navigator import (
     Locomotion as Locomotion,

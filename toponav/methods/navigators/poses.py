@@ -8,7 +8,12 @@ from omegaconf import MISSING
 from tensordict import NestedKey
 from torch import Tensor
 
-from toponav.builders import AgentKnowledge, action_effects, load_controller
+from toponav.builders import (
+    AgentKnowledge,
+    action_effects,
+    load_controller,
+    load_trials,
+)
 from toponav.config import (
     NavigatorConfig,
     PractiseConfig,
@@ -38,6 +43,7 @@ class PosesConfig(NavigatorConfig):
     ahead: float = above(0)
     search: float = above(0)
     practised: str | None = MISSING
+    edge_trials: bool = MISSING
     see_ground: bool = MISSING
     width: float = above(0)
     lookahead: int = MISSING
@@ -87,6 +93,8 @@ def make_pose_navigator(
     """The agent, as `make_navigator`, on a map that ``map.poses=true`` has made."""
     controller = None
     if config.practised is not None:
+        if edges is None and config.edge_trials:
+            edges = _tried_edges(Path(config.practised), config, knowledge)
         controller = load_controller(
             Path(config.practised),
             embedding_size=knowledge.map.embeddings.shape[1],
@@ -113,7 +121,26 @@ def make_practising_navigator(
     given = _arguments(config, knowledge, None)
     # Actions are drawn by the chances that are learned from.
     given["rules"] = replace(given["rules"], mask_noop_actions=False)
-    return PractisingNavigator(**given, controller=controller, seed=settings.seed)
+    confirm = settings.practice.confirm
+    return PractisingNavigator(
+        **given, controller=controller, confirm=confirm, seed=settings.seed
+    )
+
+
+def _tried_edges(
+    practice: Path, config: PosesConfig, knowledge: AgentKnowledge
+) -> tuple[Tensor, Tensor]:
+    """The map's edges that are no mistakes, ``[E, 2]``, with costs there and back."""
+    edges, cost = _own_edges(config, knowledge)
+    trials = load_trials(practice, edges, setting="navigator.practised")
+    kept = trials.kept(knowledge.map.num_waypoints)
+    return edges[kept], trials.costs(cost)[kept]
+
+
+def _own_edges(config: PosesConfig, knowledge: AgentKnowledge) -> tuple[Tensor, Tensor]:
+    known = knowledge.map
+    track = to_the_middle(known.waypoints.poses[:, :2], width=config.width)
+    return known.edges, walking_costs(track, known.edges, known.graph.traversals)
 
 
 def _arguments(
@@ -137,8 +164,7 @@ def _arguments(
         ground = knowledge.ground
     track = to_the_middle(poses[:, :2], width=config.width)
     if edges is None:
-        cost = walking_costs(track, known.edges, known.graph.traversals)
-        edges = known.edges, cost
+        edges = _own_edges(config, knowledge)
     return {
         "map": NavigatorMap.of(known, known.embeddings, edges),
         "embed": tc.embed,
