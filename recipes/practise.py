@@ -88,7 +88,7 @@ def main(settings: PractiseConfig, folder: Path) -> None:
                 break
     print(f"controller of {bar.n:,} decisions written to {folder}")
     found = (int(one.sum()) for one in (trials.confirmed.any(1), trials.mistaken))
-    said = "of {:,} edges {:,} were passed, and {:,} left out as mistakes"
+    said = "of {:,} edges {:,} were passed, and {:,} are mistakes"
     print(said.format(len(trials.edges), *found))
 
 

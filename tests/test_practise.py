@@ -1,9 +1,11 @@
 """The practise recipe, run as its users run it."""
 
+import re
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import torch
 from PIL import Image
 
 from tests.explored import make_run
@@ -23,10 +25,16 @@ def test_a_practice_leaves_a_controller_that_navigation_takes(run: Path) -> None
     done = run_forked("practise", *words, cwd=run)
     assert done.returncode == 0, done.stderr
     assert "controller of 128 decisions written to" in done.stdout
+    said = re.search(r"of ([\d,]+) edges ([\d,]+) were passed, and 0 are", done.stdout)
+    assert said is not None
+    tried = torch.load(run / "practice" / "edge_trials.pt")
+    assert int(said[1].replace(",", "")) == len(tried["edges"])
+    assert int(said[2]) == int((tried["passed"] > 0).any(1).sum())
     table = pd.read_csv(run / "practice" / "practice.csv")
     # 128 decisions in batches of 2 mazes and 32 decisions.
     assert table["decisions"].tolist() == [64, 128]
-    assert {"progress", "reached", "given up", "entropy"} <= set(table.columns)
+    columns = {"progress", "reached", "given up", "entropy", "confirmed", "mistaken"}
+    assert columns <= set(table.columns)
     assert min(Image.open(run / "practice" / "practice.png").size) > 200
     words = [f"run={run}", "scale=smoke", "navigator=poses", "hydra.run.dir=tour"]
     words += ["navigator.practised=practice", "evaluate.policies=[navigator]"]

@@ -18,11 +18,14 @@ from toponav.builders import (
     GoalPlaces,
     GroundTruth,
     load_exploration,
+    make_controller,
     make_goal_places,
+    save_controller,
+    save_trials,
 )
 from toponav.config import NavigatorConfig, SettingsError
 from toponav.envs import Layout
-from toponav.graph import PoseNavigator
+from toponav.graph import EdgeTrials, PoseNavigator
 from toponav.ground_truth import GroundTruthDistances
 from toponav.keys import (
     ACTION,
@@ -249,6 +252,30 @@ def test_it_sees_the_ground_if_it_is_told_to_and_its_map_can(posed: Path) -> Non
     rule = "navigator.see_ground must be false for a run of an earlier version"
     with pytest.raises(SettingsError, match=rule):
         make(seeing, replace(knowledge, ground=None), truth)
+
+
+def test_its_plans_go_by_what_a_practice_showed(posed: Path, tmp_path: Path) -> None:
+    words = "navigator=poses", f"navigator.practised={tmp_path}"
+    settings = navigate_settings(posed, *words)
+    knowledge, truth = load_exploration(settings)
+    edges, size = knowledge.map.edges, knowledge.map.embeddings.shape[1]
+    save_controller(make_controller(size, knowledge.world.num_actions), tmp_path)
+    rule = "navigator.edge_trials must be false for a practice of an earlier version"
+    with pytest.raises(SettingsError, match=rule):
+        make_policies(settings, knowledge, truth)
+    trials = EdgeTrials(edges)
+    in_vain = edges[[0, 0, 0, 1, 1]]
+    passed = torch.tensor([False, False, False, True, True])
+    trials.add(in_vain, passed, torch.tensor([9, 9, 9, 2, 40]))
+    save_trials(trials, tmp_path)
+    by_trials = make_policies(settings, knowledge, truth)["navigator"].map
+    words = *words, "navigator.edge_trials=false"
+    plain = make_policies(navigate_settings(posed, *words), knowledge, truth)
+    own = plain["navigator"].map
+    kept = trials.kept(knowledge.map.num_waypoints)
+    assert torch.equal(by_trials.edges, edges[kept])
+    assert torch.equal(by_trials.edge_cost, trials.costs(own.edge_cost)[kept])
+    assert torch.equal(own.edges, edges)
 
 
 def test_a_map_without_poses_is_refused_by_name(folder: Path) -> None:

@@ -9,6 +9,7 @@ from tensordict import NestedKey
 from torch import Tensor
 
 from toponav.builders import (
+    TRIALS_FILE,
     AgentKnowledge,
     action_effects,
     load_controller,
@@ -52,6 +53,7 @@ class PosesConfig(NavigatorConfig):
     block_on: str = one_of("goal", "edge")
     block_after: int | None = MISSING
     block_within: float | None = above(0)
+    smooth: bool = MISSING
     fade_after: int | None = MISSING
     fade_growth: float = MISSING
     hops: int = MISSING
@@ -93,14 +95,14 @@ def make_pose_navigator(
     """The agent, as `make_navigator`, on a map that ``map.poses=true`` has made."""
     controller = None
     if config.practised is not None:
-        if edges is None and config.edge_trials:
-            edges = _tried_edges(Path(config.practised), config, knowledge)
         controller = load_controller(
             Path(config.practised),
             embedding_size=knowledge.map.embeddings.shape[1],
             num_actions=knowledge.world.num_actions,
             setting="navigator.practised",
         )
+        if edges is None and config.edge_trials:
+            edges = _tried_edges(Path(config.practised), config, knowledge)
     return PoseNavigator(
         **_arguments(config, knowledge, edges),
         controller=controller,
@@ -131,6 +133,8 @@ def _tried_edges(
     practice: Path, config: PosesConfig, knowledge: AgentKnowledge
 ) -> tuple[Tensor, Tensor]:
     """The map's edges that are no mistakes, ``[E, 2]``, with costs there and back."""
+    rule = "navigator.edge_trials must be false for a practice of an earlier version, "
+    require((practice / TRIALS_FILE).is_file(), rule + "which kept none", "true")
     edges, cost = _own_edges(config, knowledge)
     trials = load_trials(practice, edges, setting="navigator.practised")
     kept = trials.kept(knowledge.map.num_waypoints)
@@ -181,6 +185,7 @@ def _arguments(
         "ahead": config.ahead,
         "search": config.search,
         "block_within": config.block_within,
+        "smooth": config.smooth,
     }
 
 
