@@ -17,7 +17,7 @@ _GUESS = 2.0
 _MEMORY = 20.0
 #: Times its guessed cost, and decisions more, that a trial may take: a turn to what is
 #: behind takes nine.
-_SLOW, _SLACK = 3.0, 12.0
+_SLOW, _SLACK = 2.0, 8.0
 #: An edge is a mistake after so many trials, there and back, of which no more than this
 #: share passed.
 _MISTAKES, _WORTH = 2, 0.02

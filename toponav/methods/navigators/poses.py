@@ -19,6 +19,7 @@ from toponav.config import (
     NavigatorConfig,
     PractiseConfig,
     above,
+    between,
     one_of,
     refusing,
     require,
@@ -54,6 +55,7 @@ class PosesConfig(NavigatorConfig):
     block_after: int | None = MISSING
     block_within: float | None = above(0)
     smooth: bool = MISSING
+    sightings: int | None = between(1, 10)
     fade_after: int | None = MISSING
     fade_growth: float = MISSING
     hops: int = MISSING
@@ -186,6 +188,7 @@ def _arguments(
         "search": config.search,
         "block_within": config.block_within,
         "smooth": config.smooth,
+        "sightings": config.sightings,
     }
 
 
