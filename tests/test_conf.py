@@ -86,7 +86,7 @@ def test_runs_of_the_same_second_have_folders_of_their_own(recipe: str) -> None:
         ("explore", ("loss=trpo", r"loss.max_kl=\${log_uniform:1e-4,5e-3}")),
         ("navigate", ("maze=maze1", "navigate=smoke", "navigator=random", "run=abc")),
         ("tour", ("maze.blocked=[a,'b']", "maze.path=null", "maze.loops=1e-1")),
-        ("tour", ("seed=1", "seed=2", "maze.path='a b'", "+maze.rows=7")),
+        ("tour", ("seed=1", "seed=2", "maze.path='a b'", "++maze.rows=7")),
         ("tour", ("seed=${views}", "video='${maze.path}'", "maze=maze1", "height=99")),
         # What Hydra refuses, or what is one line's of a sweep.
         ("tour", ("maze.lops=0.3",)),
