@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
+from tests.composed import settings
 from tests.exploring import explore_settings, world_of
-from tests.test_conf import settings
 from toponav.builders import (
     MAP_FILE,
     PLACES_FILE,

@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 from tensordict import TensorDict
 
-from tests.test_conf import settings
+from tests.composed import settings
 from toponav import keys
 from toponav.builders import World, make_networks, save_networks
 from toponav.config import ExploreConfig

@@ -4,15 +4,18 @@ import dataclasses
 import importlib
 import re
 import sys
+from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path
 
 import pytest
 import yaml
 from hydra import compose, initialize_config_dir
-from hydra.errors import ConfigCompositionException
-from omegaconf import OmegaConf
+from hydra.errors import ConfigCompositionException, HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
+from tests.composed import CONF, by_hydra, composed, register_once, settings
 from toponav.builders.pretraining import pretraining_folder
 from toponav.config import (
     RECIPES,
@@ -21,21 +24,25 @@ from toponav.config import (
     PretrainConfig,
     SettingsError,
 )
-from toponav.launch import folder_name
-from toponav.methods import REWARDS, make_world, register
+from toponav.methods import REWARDS, make_world
 
-CONF = Path(__file__).parent.parent / "conf"
 FILES = sorted(CONF.rglob("*.yaml"))
+SCALES = ["smoke", "laptop", "paper"]
+LOSSES = ["ppo", "a3c", "trpo"]
 HYDRAS_OWN = {"defaults", "hydra"}
 #: What an option cannot do without.
 NEEDED = {("world", "gym"): ["world.id=CartPole-v1"]}
 
 
-def settings(recipe: str, *overrides: str) -> object:
-    register()
-    OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return OmegaConf.to_object(compose(recipe, overrides=list(overrides)))
+def outcome(
+    compose_words: Callable[..., DictConfig], recipe: str, words: tuple[str, ...]
+) -> tuple[object, str]:
+    """The settings of a command line, or what is said against it."""
+    try:
+        config = compose_words(recipe, *words)
+    except (HydraException, OmegaConfBaseException) as error:
+        return type(error), str(error)
+    return OmegaConf.to_container(config), ""
 
 
 def maze_of(recipe: str) -> tuple[str, ...]:
@@ -61,8 +68,7 @@ def test_each_recipe_composes_to_its_schema(recipe: str) -> None:
     "recipe", ["pretrain", "explore", "navigate", "practise", "tour"]
 )
 def test_runs_of_the_same_second_have_folders_of_their_own(recipe: str) -> None:
-    register()
-    OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
+    register_once()
     found = []
     with initialize_config_dir(str(CONF), version_base="1.3"):
         for _ in range(2):
@@ -71,6 +77,35 @@ def test_runs_of_the_same_second_have_folders_of_their_own(recipe: str) -> None:
             found.append((config.hydra.run.dir, config.hydra.sweep.dir))
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "words"),
+    [
+        ("explore", ("scale=smoke", "reward=count", "reward.alpha=0.3", "maze=maze1")),
+        ("explore", ("loss=trpo", r"loss.max_kl=\${log_uniform:1e-4,5e-3}")),
+        ("navigate", ("maze=maze1", "navigate=smoke", "navigator=random", "run=abc")),
+        ("tour", ("maze.blocked=[a,'b']", "maze.path=null", "maze.loops=1e-1")),
+        ("tour", ("seed=1", "seed=2", "maze.path='a b'", "++maze.rows=7")),
+        ("tour", ("seed=${views}", "video='${maze.path}'", "maze=maze1", "height=99")),
+        # What Hydra refuses, or what is one line's of a sweep.
+        ("tour", ("maze.lops=0.3",)),
+        ("tour", ("seed=one",)),
+        ("tour", ("seed=1,2",)),
+        ("tour", ("maze.blocked=[a",)),
+        ("tour", ("maze=none_such", "seed=1")),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else value,
+)
+def test_what_tests_share_is_what_hydra_composes(
+    recipe: str, words: tuple[str, ...]
+) -> None:
+    assert outcome(composed, recipe, words) == outcome(by_hydra, recipe, words)
+
+
+def test_who_changes_composed_settings_has_a_copy() -> None:
+    composed("tour", "seed=1").maze.rows = 99
+    assert composed("tour", "seed=1").maze.rows != 99
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
@@ -154,7 +189,7 @@ def words_for_hydra(
     return seen
 
 
-@pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
+@pytest.mark.parametrize("scale", SCALES)
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_each_recipe_composes_at_each_scale(
     recipe: str, scale: str, monkeypatch: pytest.MonkeyPatch
@@ -165,9 +200,16 @@ def test_each_recipe_composes_at_each_scale(
     assert (found == usual) == (scale == "laptop")
 
 
-@pytest.mark.parametrize("scale", ["smoke", "laptop", "paper"])
-@pytest.mark.parametrize("loss", ["ppo", "a3c", "trpo"])
-@pytest.mark.parametrize("reward", list(REWARDS))
+# A file of settings is named by two of the three at most (conf/explore.yaml): each pair
+# is here, and all three of them in a third of all ways.
+@pytest.mark.parametrize(
+    ("scale", "loss", "reward"),
+    [
+        (scale, LOSSES[(i + j) % len(LOSSES)], reward)
+        for i, scale in enumerate(SCALES)
+        for j, reward in enumerate(REWARDS)
+    ],
+)
 def test_each_method_composes_at_each_scale(scale: str, loss: str, reward: str) -> None:
     found = settings("explore", f"scale={scale}", f"loss={loss}", f"reward={reward}")
     assert (found.reward.name, found.loss.name) == (reward, loss)

@@ -16,9 +16,9 @@ import psutil
 import pytest
 import torch
 
+from tests.composed import settings
 from tests.exploring import explore_settings, make_policy, save_untrained
 from tests.forked import run_forked
-from tests.test_conf import settings
 from toponav.builders import load_networks
 from toponav.config import SettingsError
 from toponav.graph import load_map

@@ -1,7 +1,6 @@
 """Documents name what exists: files, classes, settings and their values."""
 
 import ast
-import copy
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -11,14 +10,12 @@ from typing import Any
 
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from tests.composed import composed as by_choices
 from toponav.config import SettingsError
-from toponav.launch import folder_name
-from toponav.methods import register
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "docs" / "fidelity.md").read_text(encoding="utf-8")
@@ -52,19 +49,11 @@ BASES = [
 
 
 @cache
-def loaded(recipe: str, choices: tuple[str, ...]) -> DictConfig:
-    register()
-    OmegaConf.register_new_resolver("folder_name", folder_name, replace=True)
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return compose(recipe, overrides=list(choices))
-
-
-@cache
 def composed(recipe: str, overrides: tuple[str, ...]) -> dict[str, Any]:
     """All settings of a valid command line, groups too, by dotted name."""
     choices = tuple(word for word in overrides if is_choice(word))
-    config = copy.deepcopy(loaded(recipe, choices))
-    # Composing is slow, and values alone do not need it.
+    config = by_choices(recipe, *choices)
+    # As `by_choices` puts values in, but what it refuses, Hydra need not see again.
     for word in overrides:
         if word not in choices:
             name, _, value = word.partition("=")
@@ -75,7 +64,11 @@ def composed(recipe: str, overrides: tuple[str, ...]) -> dict[str, Any]:
 
 def is_choice(word: str) -> bool:
     """Whether it chooses one option of a group of ``conf/``."""
-    return (ROOT / "conf" / word.partition("=")[0]).is_dir()
+    return conf(word.partition("=")[0]).is_dir()
+
+
+def conf(name: str) -> Path:
+    return ROOT / "conf" / name
 
 
 def flat(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -124,12 +117,33 @@ def composes(words: tuple[str, ...]) -> bool:
         given = words
         if recipe == "navigate":
             given = tuple(word.replace("scale=", "navigate=") for word in words)
+        if not takes(recipe, base, given):
+            continue
         try:
             composed(recipe, (*base, *given))
         except (ConfigCompositionException, OmegaConfBaseException, SettingsError):
             continue
         return True
     return False
+
+
+@cache
+def takes(recipe: str, base: tuple[str, ...], words: tuple[str, ...]) -> bool:
+    """Whether a recipe has all these groups, options and settings, whatever the values.
+
+    To see by a composition that it has not takes much longer.
+    """
+    groups = re.findall(
+        r"^  - (\w+):", conf(f"{recipe}.yaml").read_text(), re.MULTILINE
+    )
+    chosen = {word.partition("=")[0] for word in words if is_choice(word)}
+    known = composed(recipe, base).keys() | chosen
+    return chosen <= set(groups) and all(
+        conf(f"{name}/{value}.yaml").is_file()
+        if name in chosen
+        else name in known or name.partition(".")[0] in chosen
+        for name, _, value in (word.partition("=") for word in words)
+    )
 
 
 def alternatives(words: list[str]) -> Iterator[tuple[str, ...]]:

@@ -237,6 +237,14 @@ def test_a_run_of_an_earlier_version_is_one_sentence(tmp_path):
         run_setting(str(tmp_path), "maze.marks")
 
 
+def test_settings_of_a_run_that_was_changed_are_read_again(tmp_path):
+    (tmp_path / "config").mkdir()
+    for marks in ("0.5", "0.25", "0.75"):
+        text = f"maze: {{marks: {marks}}}\nreward: {{}}\n"
+        (tmp_path / "config/config.yaml").write_text(text)
+        assert run_setting(str(tmp_path), "maze.marks") == float(marks)
+
+
 @pytest.mark.parametrize("name", ["networks.pt", MAP_FILE, POSES_FILE])
 def test_a_run_without_a_map_is_one_sentence(tmp_path, name):
     make_run(tmp_path)

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from tests.composed import settings
 from tests.models import WORLD, tiny_model
-from tests.test_conf import settings
 from toponav.builders import (
     PACKAGE_NETWORKS,
     load_networks,

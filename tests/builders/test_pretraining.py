@@ -4,10 +4,10 @@ from unittest.mock import Mock
 
 import pytest
 
+from tests.composed import settings
 from tests.explored import RING
 from tests.exploring import explore_settings, world_of
 from tests.models import WORLD
-from tests.test_conf import settings
 from toponav.builders import load_networks, make_networks, prepare_networks, pretraining
 from toponav.builders.networks import save_networks
 from toponav.builders.pretraining import pretraining_folder, pretraining_overrides

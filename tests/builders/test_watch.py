@@ -11,8 +11,8 @@ import pytest
 from tensordict import TensorDict
 from torchrl.envs import EnvBase
 
+from tests.composed import settings
 from tests.envs.layouts import LANE
-from tests.test_conf import settings
 from toponav.builders import CollectionError, collect_batches, collect_frames
 from toponav.config import PretrainConfig
 from toponav.envs import DEFAULT_ENGINE, DoomMazeEnv, load_engine

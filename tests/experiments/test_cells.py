@@ -61,7 +61,7 @@ def test_every_row_of_every_experiment_is_a_run(name: str, tmp_path: Path) -> No
 
 def test_seeds_and_mazes_are_cells_of_their_own(tmp_path: Path) -> None:
     words = ["reproduce=smoke", f"runs={tmp_path}", "seeds=2", "most_mazes=2"]
-    with reproducing(*words, "rows=[random reward]") as settings:
+    with reproducing(*words, "rows=[random reward]", by_hydra=True) as settings:
         cells = plan_cells(settings)
         assert [(cell.maze, cell.seed) for cell in cells] == [
             ("maze1", 0),

@@ -12,8 +12,8 @@ from omegaconf import MISSING
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
 
+from tests.composed import settings
 from tests.explored import Explored, make_run, navigate_settings
-from tests.test_conf import settings
 from toponav.builders import (
     GoalPlaces,
     GroundTruth,

@@ -8,8 +8,8 @@ import torch
 from omegaconf import OmegaConf
 from tensordict import TensorDict
 
+from tests.composed import settings as compose
 from tests.exploring import explore_settings
-from tests.test_conf import settings as compose
 from toponav.config import NavigateConfig, SettingsError
 from toponav.methods import make_world
 from toponav.reports.picture_walks import (

@@ -24,6 +24,7 @@ from toponav.graph import PoseRules, load_map, save_map, walking_costs
 from toponav.ground_truth import GroundTruthDistances, waypoint_poses
 from toponav.metrics import map_quality
 from toponav.training import MapGrowth
+from toponav.training.ground_training import GroundRules
 from toponav.training.place_training import PlaceRules
 
 THRESHOLDS = {"reward_threshold": 0.5, "tc_threshold": 0.6, "tc_reach": 0.55}
@@ -360,6 +361,9 @@ def learn_quickly(monkeypatch, *, rounds=4, updates=150):
     monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
     quick = partial(PlaceRules, updates=updates)
     monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
+    # How much is seen of the ground is tested beside the network that sees it.
+    quick = partial(GroundRules, updates=20)
+    monkeypatch.setattr("toponav.training.map_growth.GroundRules", quick)
 
 
 def make_pose_growth(folder=None, *words):

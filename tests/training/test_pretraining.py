@@ -3,15 +3,13 @@ from pathlib import Path
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 from torchrl.data import LazyTensorStorage
 
+from tests import composed
 from tests.models import WORLD, tiny_model
 from tests.training.pair_storage import make_trainer
 from toponav.builders import make_frame_buffer
 from toponav.config import PretrainConfig, SettingsError
-from toponav.methods import register
 from toponav.training import (
     decisions_due,
     learning_rate,
@@ -19,13 +17,11 @@ from toponav.training import (
     save_training,
 )
 
-CONF = Path(__file__).parent.parent.parent / "conf"
-
 
 def settings(*overrides: str) -> PretrainConfig:
-    register()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return OmegaConf.to_object(compose("pretrain", overrides=list(overrides)))
+    found = composed.settings("pretrain", *overrides)
+    assert isinstance(found, PretrainConfig)
+    return found
 
 
 def test_the_learning_rate_rises_and_falls() -> None:

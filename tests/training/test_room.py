@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from tests.composed import settings
 from tests.exploring import explore_settings, make_policy, world_of
 from tests.forked import run_forked
 from tests.mounts import disk, needs_mounts
 from tests.sweeps import make_exploration
-from tests.test_conf import settings
 from toponav.builders import make_networks, pretraining_folder, save_networks
 from toponav.config import ExploreConfig, PretrainConfig
 from toponav.methods import make_worlds

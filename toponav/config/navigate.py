@@ -1,10 +1,11 @@
 """The schemas of the recipes that run no training: navigate, tour and report."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import MISSING, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 
 from toponav.config.checks import (
     Settings,
@@ -127,10 +128,19 @@ def run_setting(run: str | None, name: str, default: Any = _NONE) -> Any:
     require(run is not None, rule, "none")
     file = Path(str(run)) / "config" / "config.yaml"
     require(file.is_file(), rule, f"'{run}'")
-    config = read_yaml(file)
+    stat = file.stat()
+    config = _saved(file, stat.st_ino, stat.st_mtime_ns, stat.st_size)
     explored = {"maze", "reward"} <= config.keys()
     require(explored, rule, f"that of another recipe, '{run}'")
     value = OmegaConf.select(config, name, default=default)
     rule, old = f"{rule} of this version", "which an earlier version made with other"
     require(value is not _NONE, rule, f"'{run}', {old} settings, without {name}")
     return value
+
+
+# A command line asks for ten settings of a run and its start for more, one by one, and
+# reading the file takes longer than all else. Another version of it is another entry.
+@lru_cache(maxsize=4)
+def _saved(file: Path, _inode: int, _time: int, _size: int) -> DictConfig:
+    """The settings of a run; nobody changes them."""
+    return read_yaml(file)
