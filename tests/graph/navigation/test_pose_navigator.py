@@ -8,13 +8,12 @@ from tensordict import TensorDict
 
 from tests.graph.poses.ring_world import EFFECTS, compare, is_free, look
 from toponav.graph import BeliefRules, NavigatorRules, PoseMap, PoseNavigator
-from toponav.graph.poses import BEARINGS, spots
+from toponav.graph.poses import BEARINGS
 from toponav.keys import (
     ACTION,
     GOAL_VIEWS,
     IS_INIT,
     LOST,
-    NUM_CUTS,
     PATH_COST,
     PIXELS,
     PLACE,
@@ -61,7 +60,6 @@ def make(
     place_key=None,
     block_within=None,
     smooth=False,
-    sightings=None,
     **rules,
 ):
     ends = edges()
@@ -91,7 +89,6 @@ def make(
         place_key=place_key,
         block_within=block_within,
         smooth=smooth,
-        sightings=sightings,
         seed=seed,
     )
 
@@ -188,34 +185,6 @@ def test_all_edges_through_what_cannot_be_passed_close_at_once() -> None:
     assert (other[:, 1] < 5).all()
     assert (torch.maximum(one[:, 0], other[:, 0]) > closed[0] - 1).all()
     assert navigator.plans.num_cuts.item() == 1
-
-
-@pytest.mark.parametrize("sightings", [3, None])
-def test_a_path_that_is_seen_to_be_closed_is_left_at_once(sightings) -> None:
-    goal, closed, pose = (9.1, 2.5), (3.2, 8.0), (2.5, 4.7, 270.0)
-
-    def ground(embedding: torch.Tensor) -> torch.Tensor:
-        before = spots(torch.tensor(pose)).flatten(0, 1).tolist()
-        free = torch.tensor([_is_open(x, y, closed) for x, y in before])
-        return torch.where(free, 9.0, -9.0).reshape(1, len(BEARINGS), -1)
-
-    navigator = make(ground=ground, block_within=1.75, sightings=sightings)
-    cuts = []
-    while len(cuts) < 30 and not any(cuts):
-        data = navigator(reading([pose], [goal], begins=not cuts))
-        pose = go(pose, int(data[ACTION]), closed)
-        cuts.append(int(data[NUM_CUTS]))
-    if sightings is None:
-        # It never gives up what it cannot pass.
-        assert not any(cuts)
-        return
-    # In each of the first decisions it sees that the way from the corner is closed.
-    assert cuts == [0, 0, 1]
-    ends = POSES[navigator.map.edges[navigator.plans.closed[0]]]
-    assert len(ends) > 4
-    assert (ends[..., 1] < 5).all()
-    # The way round is three sides of 11 steps, and more than half of the fourth.
-    assert float(data[PATH_COST]) > 33
 
 
 def test_what_it_tried_most_is_closed_and_not_what_it_tried_last() -> None:

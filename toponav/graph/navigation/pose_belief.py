@@ -85,26 +85,20 @@ class PoseBelief:
         """The agents of a mask, bool ``[N]``, may be anywhere."""
         self._is_new |= agents
 
-    def update(
-        self, action: Tensor, chance: Tensor, trusts: Tensor | None = None
-    ) -> None:
+    def update(self, action: Tensor, chance: Tensor) -> None:
         """Follow the last ``action`` ``[N]`` and the view that came after it.
 
-        ``chance`` ``[N, W]`` is that the view is at each waypoint. The views of agents
-        that ``trusts``, bool ``[N]``, leaves out say nothing: by default none.
+        ``chance`` ``[N, W]`` is that the view is at each waypoint.
         """
         rules, number = self.rules, self.rules.poses
         chance, nodes = chance.topk(min(_PLACES, chance.shape[1]))
         is_lost = torch.arange(number) < round(rules.lost * number)
-        trusts = torch.ones_like(self._is_new) if trusts is None else trusts
-        trusts = (trusts | self._is_new).unsqueeze(1)
-        redrawn = (trusts & (is_lost | self._is_new.unsqueeze(1))).unsqueeze(2)
+        redrawn = (is_lost | self._is_new.unsqueeze(1)).unsqueeze(2)
         poses = torch.where(redrawn, self._draw(nodes, chance), self._move(action))
         near = self.waypoints[nodes].unsqueeze(1)
         apart = decisions_apart(poses.unsqueeze(2), near, self.turn)
         speaks = (-0.5 * (apart / rules.spread).square()).exp() * chance.unsqueeze(1)
         likelihood = (speaks.sum(2) + rules.floor).pow(rules.power)
-        likelihood = likelihood.masked_fill(~trusts, 1.0)
         drawn = self._multinomial(likelihood)
         self.poses = poses.gather(1, drawn.unsqueeze(2).expand(-1, -1, 3))
         self._stopped = (self._stopped & ~redrawn.squeeze(2)).gather(1, drawn)

@@ -13,7 +13,6 @@ from toponav.graph.navigation.localiser import Map
 from toponav.graph.navigation.navigator import Navigator
 from toponav.graph.navigation.path_following import aim_along, edges_through, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
-from toponav.graph.navigation.seen_walls import SeenWalls
 from toponav.graph.navigation.steering_senses import SteeringSenses
 from toponav.graph.poses import BEARINGS, DISTANCES, decisions_apart, fastest_turn
 from toponav.graph.rules import NavigatorRules
@@ -90,9 +89,6 @@ class PoseNavigator(Navigator):
             are closed; ``None`` closes as a `Navigator` does.
         smooth: whether it comes nearer to its goal by the mean over poses that it may
             have, and not by the waypoint that it is at.
-        sightings: in how many of ten decisions it must see a place of its path closed,
-            by ``known.ground``, to close all edges through it (`SeenWalls`); ``None``
-            for never.
     """
 
     def __init__(
@@ -108,7 +104,6 @@ class PoseNavigator(Navigator):
         search: float = 0.8,
         block_within: float | None = None,
         smooth: bool = False,
-        sightings: int | None = None,
         controller: Callable[[Tensor, Tensor, Tensor], Tensor] | None = None,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
@@ -138,7 +133,7 @@ class PoseNavigator(Navigator):
         self.known = known
         self.belief_rules = belief
         self.ahead, self.search, self.block_within = ahead, search, block_within
-        self.smooth, self.sightings = smooth, sightings
+        self.smooth = smooth
         self.controller = controller
         self.turn = fastest_turn(known.effects)
 
@@ -154,7 +149,6 @@ class PoseNavigator(Navigator):
         # Where each agent's goal is, and how far from there it looks for it now.
         self._goal = torch.zeros(num_agents, 2)
         self._aside = torch.zeros(num_agents, 2)
-        self._walls = SeenWalls(num_agents, sightings=self.sightings or 1)
         # What was ahead in the last decisions, [N, block_after, 2].
         self._tried = torch.zeros(num_agents, self.rules.block_after or 1, 2)
 
@@ -192,21 +186,15 @@ class PoseNavigator(Navigator):
     def _restart(self, agents: Tensor) -> None:
         super()._restart(agents)
         self.belief.forget(agents)
-        self._walls.forget(agents)
         self._aside[agents] = 0
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
-        if self.known.ground is not None:
-            logits = self.known.ground(embedding)
-            shape = len(embedding), len(BEARINGS), len(DISTANCES)
-            require_returned("ground", logits, N=shape[0], K=shape[1], R=shape[2])
-            self._is_free = logits.sigmoid().cpu()
         if self.place_key is None:
             chance = self._chances(embedding)
         else:
             given = data[self.place_key].reshape(-1).cpu()
             chance = one_hot(given, len(self.known.poses)).float()
-        self.belief.update(self.sampler.last_action, chance, self._walls.trusts)
+        self.belief.update(self.sampler.last_action, chance)
         self._pose = self.belief.estimate()
         if self.place_key is not None:
             return super()._locate(embedding, data)
@@ -274,17 +262,14 @@ class PoseNavigator(Navigator):
         stuck = self.progress.watch(place, left)
         ahead = torch.lerp(self._pose[:, :2], self._aims, _AHEAD)
         self._tried = torch.cat([self._tried[:, 1:], ahead.unsqueeze(1)], 1)
-        seen = self._see_closed(place)
-        sees = seen.isfinite().all(1)
         closed_ends = torch.full((len(place), 2), -1)
         starts, ends = self.known.track[self.map.edges].unbind(1)
-        for agent in (stuck | sees).nonzero().flatten().tolist():
+        for agent in stuck.nonzero().flatten().tolist():
             node, *_ = self.progress.give_up(agent)
             # Of all that it tried, as its pose may have been wrong for a while.
             tried = self._tried[agent]
             most = (torch.cdist(tried, tried) < self.block_within).sum(1).argmax()
-            where = seen[agent] if sees[agent] else tried[most]
-            through = edges_through(where, self.block_within, starts, ends)
+            through = edges_through(tried[most], self.block_within, starts, ends)
             edges = through.nonzero().flatten()
             if len(edges):
                 found = self.plans.close_all(agent, int(place[agent]), edges)
@@ -293,17 +278,13 @@ class PoseNavigator(Navigator):
             closed_ends[agent] = torch.tensor(found)
         return closed_ends
 
-    def _see_closed(self, place: Tensor) -> Tensor:
-        """Where the view says that paths are closed, ``[N, 2]``, NaN for nowhere."""
-        if self.known.ground is None or self.sightings is None:
-            return torch.full((len(place), 2), torch.nan)
-        seen = self._walls.look(self._pose, self._points, self._is_free)
-        return seen.masked_fill((place < 0).unsqueeze(1), torch.nan)
-
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:
         here, aims = here.float().cpu(), self._aims
         if self.known.ground is not None:
-            aims = aim_where_free(self._pose, aims, self._is_free)
+            logits = self.known.ground(here)
+            shape = len(here), len(BEARINGS), len(DISTANCES)
+            require_returned("ground", logits, N=shape[0], K=shape[1], R=shape[2])
+            aims = aim_where_free(self._pose, aims, logits.sigmoid().cpu())
         self._free = steer(self._pose, aims, self.known.effects)
         if self.controller is None:
             return self._free

@@ -19,7 +19,6 @@ from toponav.config import (
     NavigatorConfig,
     PractiseConfig,
     above,
-    between,
     one_of,
     refusing,
     require,
@@ -55,7 +54,6 @@ class PosesConfig(NavigatorConfig):
     block_after: int | None = MISSING
     block_within: float | None = above(0)
     smooth: bool = MISSING
-    sightings: int | None = between(1, 10)
     fade_after: int | None = MISSING
     fade_growth: float = MISSING
     hops: int = MISSING
@@ -188,7 +186,6 @@ def _arguments(
         "search": config.search,
         "block_within": config.block_within,
         "smooth": config.smooth,
-        "sightings": config.sightings,
     }
 
 
