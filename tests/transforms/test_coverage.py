@@ -190,6 +190,14 @@ def test_specs_hold_in_processes():
     check_parallel(make_maze, make_coverage)
 
 
+def test_a_reset_leaves_it_in_its_env():
+    # Else all specs of the env are computed again, in each reset.
+    env = TransformedEnv(make_maze([2]), make_coverage())
+    within = env.transform.parent
+    env.reset()
+    assert env.transform.parent is within
+
+
 def test_rollout_of_a_maze_has_the_keys_and_their_types():
     env = TransformedEnv(make_maze([2]), make_coverage())
     data = env.rollout(5)["next"]

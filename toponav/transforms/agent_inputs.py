@@ -16,6 +16,7 @@ from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     find_spec,
+    move_to,
 )
 
 
@@ -174,7 +175,7 @@ class GoalViews(KeyedTransform):
 
     def _show(self, tensordict: TensorDictBase) -> TensorDictBase:
         goal = read_entry(tensordict, self.in_keys[0])
-        self.to(goal.device)
+        move_to(self, goal.device)
         is_at = (goal.unsqueeze(-2) == self.cells).all(-1)
         if unknown := goal[~is_at.any(-1)].tolist():
             rule = f"{self.in_keys[0]!r} must be a cell with views"

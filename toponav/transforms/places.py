@@ -12,6 +12,7 @@ from toponav.transforms.specs import (
     KeyedTransform,
     Keys,
     find_spec,
+    move_to,
     require_reset,
     restarting_rows,
 )
@@ -57,7 +58,7 @@ class PlacesVisited(GrowingSlots, KeyedTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         position = read_entry(tensordict_reset, self.in_keys[0])
-        self.to(position.device)
+        move_to(self, position.device)
         shape = position.shape[:-1]
         rows = restarting_rows(self, tensordict, shape, position.device).reshape(-1)
         if len(self.num_places) != len(rows):

@@ -15,6 +15,7 @@ from toponav.transforms.specs import (
     Keys,
     ResizableBuffers,
     find_spec,
+    move_to,
     require_reset,
     restarting_rows,
 )
@@ -94,7 +95,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
     ) -> TensorDictBase:
         cell = read_entry(tensordict_reset, self.in_keys[0])
         shape = cell.shape[:-1]
-        self.to(cell.device)
+        move_to(self, cell.device)
         if self.decisions.shape != shape:
             self.visited = self.visited.new_zeros(*shape, len(self.open_cells))
             self.decisions = self.decisions.new_zeros(shape)
@@ -206,7 +207,7 @@ class WaypointTruth(GrowingSlots, KeyedTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         is_new = read_entry(tensordict_reset, self.in_keys[2])
-        self.to(is_new.device)
+        move_to(self, is_new.device)
         rows = restarting_rows(self, tensordict, is_new.shape[:-1], is_new.device)
         rows = rows.reshape(-1)
         if len(self.num_waypoints) != len(rows):

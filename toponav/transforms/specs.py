@@ -172,6 +172,16 @@ def require_reset(known: Sequence[int], given: Sequence[int]) -> None:
         raise ValueError(f"{rule}, got one of {list(known)}")
 
 
+def move_to(transform: Transform, device: torch.device) -> None:
+    """Move a transform whose buffers are elsewhere.
+
+    ``Transform.to`` also forgets the env that it is in, all of whose specs are computed
+    again when it is next asked for: not to be done at every reset.
+    """
+    if any(buffer.device != device for buffer in transform.buffers()):
+        transform.to(device)
+
+
 def restarting_rows(
     transform: Transform,
     tensordict: TensorDictBase,

@@ -59,7 +59,6 @@ def make(
     ground=None,
     place_key=None,
     block_within=None,
-    smooth=False,
     **rules,
 ):
     ends = edges()
@@ -88,7 +87,6 @@ def make(
         goal_reward=10.0,
         place_key=place_key,
         block_within=block_within,
-        smooth=smooth,
         seed=seed,
     )
 
@@ -311,23 +309,3 @@ def test_a_map_without_poses_is_refused() -> None:
     )
     with pytest.raises(ValueError, match=rule):
         make(poses=some)
-
-
-@pytest.mark.parametrize("smooth", [False, True])
-def test_progress_is_by_its_place_or_by_all_poses_that_it_may_have(smooth) -> None:
-    navigator = make(block_after=40, block_within=2.0, smooth=smooth)
-    navigator(reading([(6.9, 2.5, 10.0)], [(2.5, 9.1)], begins=True))
-    watched = []
-    navigator.progress.watch = lambda place, left: watched.append(left) or place < -1
-    data = navigator(reading([(6.9, 2.5, 10.0)], [(2.5, 9.1)], begins=False))
-    costs = navigator.plans.costs[0]
-    expected = float(costs[int(data[PLACE])])
-    if smooth:
-        left = []
-        for pose in navigator.belief.poses[0, :16]:
-            away = (POSES[:, :2] - pose[:2]).norm(dim=1)
-            if (away <= 2.5).any():
-                left.append(float((costs + away)[away <= 2.5].min()))
-        expected = sum(left) / len(left)
-        assert len(left) > 8
-    assert watched[0].tolist() == pytest.approx([expected], abs=1e-3)

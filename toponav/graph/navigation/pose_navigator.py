@@ -33,9 +33,6 @@ _LOOKS = 1.0
 _AHEAD = 0.7
 #: Steps up to which another waypoint may stand for one that has no path left.
 _PASSED_BY = 4.0
-#: Of the poses that an agent may have, those that say how much is left of its path, and
-#: steps up to which waypoints beside them do: farther ones may be behind walls.
-_ASKED, _NEXT_TO = 16, 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +84,6 @@ class PoseNavigator(Navigator):
             `SteeringNetwork` does; ``None`` for none.
         block_within: steps around the place that it could not pass, up to which edges
             are closed; ``None`` closes as a `Navigator` does.
-        smooth: whether it comes nearer to its goal by the mean over poses that it may
-            have, and not by the waypoint that it is at.
     """
 
     def __init__(
@@ -103,7 +98,6 @@ class PoseNavigator(Navigator):
         ahead: float = 3.5,
         search: float = 0.8,
         block_within: float | None = None,
-        smooth: bool = False,
         controller: Callable[[Tensor, Tensor, Tensor], Tensor] | None = None,
         goal_reward: float | None = None,
         in_keys: Sequence[NestedKey] | None = None,
@@ -133,7 +127,6 @@ class PoseNavigator(Navigator):
         self.known = known
         self.belief_rules = belief
         self.ahead, self.search, self.block_within = ahead, search, block_within
-        self.smooth = smooth
         self.controller = controller
         self.turn = fastest_turn(known.effects)
 
@@ -243,23 +236,10 @@ class PoseNavigator(Navigator):
         target = torch.where(looks, place, target)
         return place, target.masked_fill(place < 0, -1)
 
-    def _to_go(self, place: Tensor) -> Tensor:
-        """Decisions that are left, ``[N]``: the mean over poses that each may have.
-
-        Where none of them has a path, as from ``place``.
-        """
-        away = torch.cdist(self.belief.poses[:, :_ASKED, :2], self.known.track)
-        left = self.plans.costs.float().unsqueeze(1) + away
-        least = left.masked_fill(away > _NEXT_TO, torch.inf).amin(2)
-        known = least.isfinite()
-        mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
-        return torch.where(mean.isfinite(), mean, self.plans.cost(place).float())
-
     def _give_up(self, place: Tensor) -> Tensor:
         if self.block_within is None:
             return super()._give_up(place)
-        left = self._to_go(place) if self.smooth else self.plans.cost(place)
-        stuck = self.progress.watch(place, left)
+        stuck = self.progress.watch(place, self.plans.cost(place))
         ahead = torch.lerp(self._pose[:, :2], self._aims, _AHEAD)
         self._tried = torch.cat([self._tried[:, 1:], ahead.unsqueeze(1)], 1)
         closed_ends = torch.full((len(place), 2), -1)

@@ -14,6 +14,9 @@ from toponav.graph.navigation.pose_navigator import PoseNavigator
 
 #: Steps from a waypoint at which it is reached, and decisions until it is given up.
 _THERE, _LATE = 1.0, 200
+#: Of the poses that an agent may have, those that say how much is left of its path, and
+#: steps up to which waypoints beside them do: farther ones may be behind walls.
+_ASKED, _BESIDE = 16, 2.5
 #: Waypoints of which that one becomes the target whose path has the most to confirm.
 _CHOICES = 4
 
@@ -129,6 +132,18 @@ class PractisingNavigator(PoseNavigator):
             self._choose(done)
             self._left = torch.where(done, self._to_go(place), left)
         return place
+
+    def _to_go(self, place: Tensor) -> Tensor:
+        """Decisions that are left, ``[N]``: the mean over poses that each may have.
+
+        Where none of them has a path, as from ``place``.
+        """
+        away = torch.cdist(self.belief.poses[:, :_ASKED, :2], self.known.track)
+        left = self.plans.costs.float().unsqueeze(1) + away
+        least = left.masked_fill(away > _BESIDE, torch.inf).amin(2)
+        known = least.isfinite()
+        mean = least.masked_fill(~known, 0).sum(1) / known.sum(1)
+        return torch.where(mean.isfinite(), mean, self.plans.cost(place).float())
 
     def _steer(self, here: Tensor, there: Tensor) -> Tensor:
         logits = super()._steer(here, there)

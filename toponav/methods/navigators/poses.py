@@ -53,7 +53,6 @@ class PosesConfig(NavigatorConfig):
     block_on: str = one_of("goal", "edge")
     block_after: int | None = MISSING
     block_within: float | None = above(0)
-    smooth: bool = MISSING
     fade_after: int | None = MISSING
     fade_growth: float = MISSING
     hops: int = MISSING
@@ -185,7 +184,6 @@ def _arguments(
         "ahead": config.ahead,
         "search": config.search,
         "block_within": config.block_within,
-        "smooth": config.smooth,
     }
 
 
