@@ -138,11 +138,11 @@ def test_a_trial_passes_where_less_is_left(plans) -> None:
 def test_a_trial_that_takes_too_long_is_in_vain(plans) -> None:
     trials = EdgeTrials(LINE)
     watch = TrialWatch(trials, GUESS, 1)
-    # From 1 to 2: longer than 3 x 2 + 12 decisions.
-    follow(watch, plans, 1, *[0] * 18)
+    # From 1 to 2: longer than 2 x 2 + 8 decisions.
+    follow(watch, plans, 1, *[0] * 12)
     assert trials.tried.sum() == 0
     follow(watch, plans, 0)
-    assert (trials.tried[1, 0], trials.passed.sum(), trials.lost[1, 0]) == (1, 0, 19)
+    assert (trials.tried[1, 0], trials.passed.sum(), trials.lost[1, 0]) == (1, 0, 13)
 
 
 def test_an_edge_that_is_closed_was_tried_in_vain(plans) -> None:

@@ -155,7 +155,7 @@ class TrialWatch:
 
     A trial begins at a place whose path leads over an edge. It passes once what is left
     of the path is no more than from the edge's other end, and is in vain when the agent
-    closes the edge or takes longer than three times the guessed cost and 12 decisions.
+    closes the edge or takes longer than twice the guessed cost and eight decisions.
     Whoever gets a new path is not judged.
 
     Args:
