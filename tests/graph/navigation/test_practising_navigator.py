@@ -16,7 +16,7 @@ from tests.graph.navigation.test_pose_navigator import (
 )
 from toponav import keys
 from toponav.graph import PractisingNavigator, SteeringSenses
-from toponav.graph.navigation import practising_navigator
+from toponav.graph.navigation import Planner, practising_navigator
 from toponav.modules import SteeringNetwork
 
 START = (6.9, 2.5, 10.0)
@@ -140,7 +140,7 @@ def test_edges_are_what_was_walked() -> None:
     more = torch.cat([known.edges, torch.tensor([ends])])
     cost = torch.cat([known.edge_cost, torch.tensor([4.0])])
     navigator = practising(map=replace(known, edges=more, edge_cost=cost))
-    found = walk(navigator, 400)
+    found = walk(navigator, 250)
     trials = navigator.trials
     assert trials.passed[-1].tolist() == [0, 0]
     assert trials.mistaken.nonzero().tolist() == [[len(more) - 1]]
@@ -152,7 +152,20 @@ def test_edges_are_what_was_walked() -> None:
     # It costs more than it did, plans do without it, and targets are reached.
     assert trials.costs(cost)[-1].max() > 8
     assert not trials.kept(len(POSES))[-1]
-    assert sum(bool(data[keys.REACHED]) for data in found[-200:]) >= 3
+    assert sum(bool(data[keys.REACHED]) for data in found[-120:]) >= 1
+
+
+def test_plans_cost_what_trials_showed() -> None:
+    navigator = practising()
+    trials, known = navigator.trials, navigator.map
+    some = known.edges[::2]
+    trials.add(some, torch.arange(len(some)) % 3 > 0, torch.full((len(some),), 9))
+    goal = int(navigator(look(START, begins=True))[keys.GOAL_NODE])
+    costs = trials.costs(known.edge_cost)
+    expected = Planner(len(POSES), known.edges, costs).plan([goal]).costs
+    torch.testing.assert_close(navigator.plans.costs[0], expected)
+    plain = Planner(len(POSES), known.edges, known.edge_cost).plan([goal]).costs
+    assert (expected - plain).abs().max() > 1
 
 
 def test_targets_are_chosen_to_confirm_edges(monkeypatch) -> None:
