@@ -165,7 +165,7 @@ def test_plans_cost_what_trials_showed() -> None:
     expected = Planner(len(POSES), known.edges, costs).plan([goal]).costs
     torch.testing.assert_close(navigator.plans.costs[0], expected)
     plain = Planner(len(POSES), known.edges, known.edge_cost).plan([goal]).costs
-    assert (expected - plain).abs().max() > 1
+    assert (expected - plain).abs().max() > 0.5
 
 
 def test_targets_are_chosen_to_confirm_edges(monkeypatch) -> None:
