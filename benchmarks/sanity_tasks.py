@@ -64,8 +64,8 @@ TASKS = {
     ),
     "goal": Task(
         learners=("dqn", "drqn"),
-        decisions=9_600,
-        every=960,
+        decisions=16_000,
+        every=1_600,
         length=30,
         random_envs=64,
         settings=(
@@ -74,6 +74,9 @@ TASKS = {
             "world.id=MiniGrid-Empty-Random-5x5-v0",
             "world.options=[max_steps:30,agent_view_size:5]",
             "world.episode_length=30",
+            # With larger steps it is learned and forgotten again.
+            *("loss.lr=2.5e-4", "loss.final_lr=0.02", "loss.eps=1.5e-4"),
+            "loss.target_every=500",
         ),
     ),
     "match": Task(

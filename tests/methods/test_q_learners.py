@@ -175,6 +175,21 @@ def test_it_learns_which_action_pays(name: str) -> None:
 
 
 @BOTH
+def test_a_larger_eps_makes_steps_small(name: str) -> None:
+    moved = []
+    for eps in (1e-8, 1.0):
+        learner = make_learner(name, "loss.lr=0.001", f"loss.eps={eps}")
+        learner.replay.extend(make_batch())
+        before = [weight.clone() for weight in learner.policy.parameters()]
+        learner._step()
+        after = zip(before, learner.policy.parameters(), strict=True)
+        moved.append(max(float((now - old).abs().max()) for old, now in after))
+    # Adam's first step is lr x g / (|g| + eps) for a gradient g, of norm 10 at most.
+    assert moved[0] == pytest.approx(0.001, rel=0.01)
+    assert moved[1] < 0.001 * 10 / 11
+
+
+@BOTH
 def test_one_that_was_saved_goes_on_with_a_replay_of_its_own(name: str) -> None:
     words = ("loss.target_every=3", "loss.every=16")
     whole, other = make_learner(name, *words), make_learner(name, *words, seed=1)

@@ -38,6 +38,7 @@ _CHANNELS, _WIDTHS, _STRIDES = (32, 64, 64), (8, 4, 3), (4, 2, 1)
 class QConfig(LearnerConfig):
     """Settings that DQN and DRQN share."""
 
+    eps: float = above(0)
     gamma: float = between(0, 1)
     reward_scale: float = above(0)
     replay: int = at_least(1)
@@ -179,7 +180,8 @@ class QLearner(Learner):
         self.loss.make_value_estimator(gamma=config.gamma)
         # Its own count of updates would start again in a resumed run.
         self.target = HardUpdate(self.loss, value_network_update_interval=0)
-        self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=config.lr)
+        weights = self.policy.parameters()
+        self.optimizer = torch.optim.Adam(weights, lr=config.lr, eps=config.eps)
 
     @classmethod
     def make_policy(cls, settings: ExploreConfig, world: World) -> QPolicy:
