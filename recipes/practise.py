@@ -58,7 +58,7 @@ def main(settings: PractiseConfig, folder: Path) -> None:
     learner = SteeringPractice(
         controller, temperature=navigator.rules.temperature, rules=rules
     )
-    rows = list[dict[str, float]]()
+    trials, rows = navigator.trials, list[dict[str, float]]()
     with (
         stop_requests() as stop,
         closing(make_practice_env(settings)) as env,
@@ -75,7 +75,6 @@ def main(settings: PractiseConfig, folder: Path) -> None:
             measured = learner.extend(batch)
             bar.update(batch.numel())
             bar.set_postfix({name: f"{measured[name]:.2f}" for name in measured})
-            trials = navigator.trials
             measured |= {
                 "confirmed": float(trials.confirmed.any(1).float().mean()),
                 "mistaken": float(trials.mistaken.float().mean()),

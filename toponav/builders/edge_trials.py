@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
 from toponav.config import require
@@ -28,9 +29,8 @@ def load_trials(folder: Path, edges: Tensor, *, setting: str) -> EdgeTrials:
     trials = EdgeTrials(edges)
     path = folder / TRIALS_FILE
     with reading_checkpoint(path, setting, _HEADER, "edge trials") as state:
-        given = state["edges"]
-        same = given.shape == trials.edges.shape and bool((given == trials.edges).all())
         rule = f"{setting} must name a practice on the run's map of {len(edges)} edges"
-        require(same, rule, f"one of another map, of {len(given)}")
+        given = f"one of another map, of {len(state['edges'])}"
+        require(torch.equal(state["edges"], trials.edges), rule, given)
         trials.load_state_dict(state)
     return trials

@@ -92,7 +92,7 @@ def make_pose_navigator(
     seed: int = 0,
 ) -> PoseNavigator:
     """The agent, as `make_navigator`, on a map that ``map.poses=true`` has made."""
-    controller = None
+    controller, practice = None, None
     if config.practised is not None:
         controller = load_controller(
             Path(config.practised),
@@ -101,9 +101,9 @@ def make_pose_navigator(
             setting="navigator.practised",
         )
         if edges is None and config.edge_trials:
-            edges = _tried_edges(Path(config.practised), config, knowledge)
+            practice = Path(config.practised)
     return PoseNavigator(
-        **_arguments(config, knowledge, edges),
+        **_arguments(config, knowledge, edges, practice),
         controller=controller,
         goal_reward=knowledge.world.goal_reward,
         place_key=place_key,
@@ -128,30 +128,13 @@ def make_practising_navigator(
     )
 
 
-def _tried_edges(
-    practice: Path, config: PosesConfig, knowledge: AgentKnowledge
-) -> tuple[Tensor, Tensor]:
-    """The map's edges that are no mistakes, ``[E, 2]``, with costs there and back."""
-    rule = "navigator.edge_trials must be false for a practice of an earlier version, "
-    require((practice / TRIALS_FILE).is_file(), rule + "which kept none", "true")
-    edges, cost = _own_edges(config, knowledge)
-    trials = load_trials(practice, edges, setting="navigator.practised")
-    kept = trials.kept(knowledge.map.num_waypoints)
-    return edges[kept], trials.costs(cost)[kept]
-
-
-def _own_edges(config: PosesConfig, knowledge: AgentKnowledge) -> tuple[Tensor, Tensor]:
-    known = knowledge.map
-    track = to_the_middle(known.waypoints.poses[:, :2], width=config.width)
-    return known.edges, walking_costs(track, known.edges, known.graph.traversals)
-
-
 def _arguments(
     config: PosesConfig,
     knowledge: AgentKnowledge,
     edges: tuple[Tensor, Tensor] | None,
+    practice: Path | None = None,
 ) -> dict[str, Any]:
-    """What both have in common."""
+    """What both have in common, with edges as a ``practice`` left them."""
     known, tc = knowledge.map, knowledge.networks.tc
     effects, poses = action_effects(knowledge.world), known.waypoints.poses
     rule = "navigator=poses must be given a map with poses, of an exploration with "
@@ -167,7 +150,15 @@ def _arguments(
         ground = knowledge.ground
     track = to_the_middle(poses[:, :2], width=config.width)
     if edges is None:
-        edges = _own_edges(config, knowledge)
+        cost = walking_costs(track, known.edges, known.graph.traversals)
+        edges = known.edges, cost
+    if practice is not None:
+        rule = "navigator.edge_trials must be false for a practice of an earlier "
+        rule += "version, which kept none"
+        require((practice / TRIALS_FILE).is_file(), rule, "true")
+        trials = load_trials(practice, edges[0], setting="navigator.practised")
+        kept = trials.kept(known.num_waypoints)
+        edges = edges[0][kept], trials.costs(edges[1])[kept]
     return {
         "map": NavigatorMap.of(known, known.embeddings, edges),
         "embed": tc.embed,
