@@ -198,6 +198,16 @@ def test_a_reset_leaves_it_in_its_env():
     assert env.transform.parent is within
 
 
+def test_it_follows_what_it_reads_to_another_device(device):
+    meter = Coverage(CORRIDOR, levels=(0.5,))
+    assert meter.visited.device.type == "cpu"
+    data = reset(meter, at(0, 3).to(device))
+    assert meter.visited.device == data[CELL].device
+    # Two of four cells after one decision.
+    data = step(meter, at(1, 2).to(device))
+    assert data[COVERAGE].flatten().cpu().tolist() == [0.5, 0.5]
+
+
 def test_rollout_of_a_maze_has_the_keys_and_their_types():
     env = TransformedEnv(make_maze([2]), make_coverage())
     data = env.rollout(5)["next"]
