@@ -144,18 +144,17 @@ class FakeMaze(EnvBase):
     def _make_specs(self) -> None:
         shape, slots = self.batch_size, len(self.slots)
         image = (*shape, *self.image_size, 3)
-        rows, cols = self.mask.shape
+        last = (torch.tensor(self.mask.shape) - 1).expand(*shape, 2)
         pixels = (
             Bounded(0.0, 1.0, shape=image)
             if self.float_pixels
             else Bounded(0, 255, shape=image, dtype=torch.uint8)
         )
-        cell = Bounded(-1, max(rows, cols), shape=(*shape, 2), dtype=torch.int64)
         privileged = Composite(
             position=Unbounded(shape=(*shape, 2)),
             heading=Bounded(0.0, 360.0, shape=(*shape, 1)),
-            cell=cell,
-            goal_cell=cell.clone(),
+            cell=Bounded(0, last, shape=(*shape, 2), dtype=torch.int64),
+            goal_cell=Bounded(-1, last, shape=(*shape, 2), dtype=torch.int64),
             blocked=Binary(slots, shape=(*shape, slots), dtype=torch.bool),
             respawned=Binary(1, shape=(*shape, 1), dtype=torch.bool),
             shape=shape,

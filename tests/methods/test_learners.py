@@ -17,10 +17,11 @@ ALL = pytest.mark.parametrize(
     "overrides",
     [
         ("loss=ppo",),
+        ("loss=ppo", "policy.layers=2"),
         ("loss=a3c", "loss.normalize_returns=false"),
         ("loss=trpo", "loss.rollout=32", "loss.critic_minibatches=4"),
     ],
-    ids=["ppo", "a3c", "trpo"],
+    ids=["ppo", "ppo of two layers", "a3c", "trpo"],
 )
 
 
@@ -210,3 +211,12 @@ def test_trpo_stops_at_a_reward_that_is_not_finite() -> None:
     with pytest.raises(TrainingError, match="loss_objective"):
         learner.extend(batch)
     assert torch.equal(before, weights(learner))
+
+
+def test_layers_of_the_memory_are_a_setting() -> None:
+    policies = [make_learner(f"policy.layers={n}").policy for n in (1, 2)]
+    one, two = (policy.initial_state(3)["hidden"].shape[-1] for policy in policies)
+    assert two == 2 * one
+    # The weights of a second layer of 16: 4 x 16 x (16 + 16) and two biases of 4 x 16.
+    sizes = [sum(p.numel() for p in policy.lstm.parameters()) for policy in policies]
+    assert sizes[1] - sizes[0] == 2048 + 128

@@ -281,3 +281,12 @@ def test_worlds_without_a_velocity_and_embeddings_are_refused(name: str) -> None
     embedded = explore_settings(f"loss={name}")
     with pytest.raises(SettingsError, match="pixels with loss=nav_a3c"):
         LEARNERS[name].make_policy(embedded, world_of(embedded))
+
+
+@BOTH
+def test_more_layers_are_refused(name: str) -> None:
+    deep = explore_settings(*SMALL, f"loss={name}", "policy.layers=2")
+    with pytest.raises(
+        SettingsError, match=f"layers must be 1 with loss={name}, got 2"
+    ):
+        LEARNERS[name].make_policy(deep, world_of(deep))

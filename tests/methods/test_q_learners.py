@@ -267,6 +267,15 @@ def test_settings_out_of_range_are_refused(words: list[str], message: str) -> No
         explore_settings(*SMALL, *words)
 
 
+@pytest.mark.parametrize("loss", ["dqn", "drqn"])
+def test_more_layers_are_refused(loss: str) -> None:
+    config = explore_settings(f"loss={loss}", "policy.input=pixels", "policy.layers=2")
+    with pytest.raises(
+        SettingsError, match=rf"layers must be 1 with loss={loss}, got 2"
+    ):
+        LEARNERS[loss].make_policy(config, world_of(config))
+
+
 def test_embeddings_are_refused() -> None:
     config = explore_settings("loss=dqn")
     with pytest.raises(SettingsError, match=r"policy.input must be pixels with loss=d"):

@@ -10,17 +10,23 @@ def unrolled(
     lstm: EpisodicLSTM, inputs: Tensor, state: tuple[Tensor, Tensor], is_init: Tensor
 ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
     """The reference: the equations of an LSTM, one decision after the other."""
-    layer, (hidden, cell) = lstm.lstm, state
+    states = list(zip(*(one.split(5, -1) for one in state), strict=True))
     outputs = []
     for step in range(inputs.shape[1]):
         keep = 1 - is_init[:, step].float().unsqueeze(-1)
-        hidden, cell = hidden * keep, cell * keep
-        gates = inputs[:, step] @ layer.weight_ih_l0.T + layer.bias_ih_l0
-        gates = gates + hidden @ layer.weight_hh_l0.T + layer.bias_hh_l0
-        enter, forget, value, leave = gates.chunk(4, -1)
-        cell = forget.sigmoid() * cell + enter.sigmoid() * value.tanh()
-        hidden = leave.sigmoid() * cell.tanh()
-        outputs.append(hidden)
+        read = inputs[:, step]
+        for number, (hidden, cell) in enumerate(states):
+            names = "weight_ih", "weight_hh", "bias_ih", "bias_hh"
+            of_inputs, of_state, bias, other = (
+                getattr(lstm.lstm, f"{name}_l{number}") for name in names
+            )
+            gates = read @ of_inputs.T + bias + hidden * keep @ of_state.T + other
+            enter, forget, value, leave = gates.chunk(4, -1)
+            now = forget.sigmoid() * cell * keep + enter.sigmoid() * value.tanh()
+            read = leave.sigmoid() * now.tanh()
+            states[number] = read, now
+        outputs.append(read)
+    hidden, cell = (torch.cat(parts, -1) for parts in zip(*states, strict=True))
     return torch.stack(outputs, 1), (hidden, cell)
 
 
@@ -30,14 +36,15 @@ def unrolled(
     rows=st.integers(1, 4),
     steps=st.integers(1, 7),
     share=st.sampled_from([0.0, 0.2, 1.0]),
+    layers=st.integers(1, 3),
 )
 def test_slices_equal_the_equations(
-    seed: int, rows: int, steps: int, share: float
+    seed: int, rows: int, steps: int, share: float, layers: int
 ) -> None:
     torch.manual_seed(seed)
-    lstm = EpisodicLSTM(3, 5)
+    lstm = EpisodicLSTM(3, 5, layers=layers)
     inputs = torch.randn(rows, steps, 3)
-    state = (torch.randn(rows, 5), torch.randn(rows, 5))
+    state = (torch.randn(rows, layers * 5), torch.randn(rows, layers * 5))
     is_init = torch.rand(rows, steps) < share
     outputs, after = lstm(inputs, state, is_init)
     expected, expected_after = unrolled(lstm, inputs, state, is_init)
@@ -65,15 +72,16 @@ def test_gradients_equal_those_of_the_equations_across_an_episode_s_start() -> N
     assert not gradients[0][0][1, :3].any()
 
 
-def test_steps_equal_slices() -> None:
+@pytest.mark.parametrize("layers", [1, 2])
+def test_steps_equal_slices(layers: int) -> None:
     torch.manual_seed(0)
-    lstm = EpisodicLSTM(3, 5)
+    lstm = EpisodicLSTM(3, 5, layers=layers)
     inputs, is_init = torch.randn(4, 6, 3), torch.rand(4, 6) < 0.3
-    state = start = (torch.randn(4, 5), torch.randn(4, 5))
+    state = start = (torch.randn(4, layers * 5), torch.randn(4, layers * 5))
     hiddens = []
     for step in range(6):
         state = lstm.step(inputs[:, step], state, is_init[:, step])
-        hiddens.append(state[0])
+        hiddens.append(state[0][:, -5:])
     outputs, after = lstm(inputs, start, is_init)
     torch.testing.assert_close(torch.stack(hiddens, 1), outputs)
     torch.testing.assert_close(state, after)

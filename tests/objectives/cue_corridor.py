@@ -82,7 +82,9 @@ class CueCorridor(EnvBase):
         )
 
 
-def make_network(seed: int = 0, *, num_actions: int = 2, size: int = 32) -> ActorCritic:
+def make_network(
+    seed: int = 0, *, num_actions: int = 2, size: int = 32, layers: int = 1
+) -> ActorCritic:
     """A small network for the corridor."""
     torch.manual_seed(seed)
     return ActorCritic(
@@ -91,6 +93,7 @@ def make_network(seed: int = 0, *, num_actions: int = 2, size: int = 32) -> Acto
         num_actions=num_actions,
         code_dim=size,
         hidden_dim=size,
+        layers=layers,
     )
 
 

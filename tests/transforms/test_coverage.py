@@ -253,3 +253,12 @@ def test_wrong_arguments_are_refused(arguments, message):
 def test_wrong_keys_are_refused_with_the_specs(meter, message):
     with pytest.raises(ValueError, match=message):
         TransformedEnv(FakeMaze(), meter()).observation_spec  # noqa: B018
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (5, 4)])
+def test_a_mask_smaller_than_the_maze_is_refused_with_the_specs(shape):
+    # TINY has five rows and five columns.
+    env = TransformedEnv(FakeMaze(), Coverage(torch.ones(shape, dtype=torch.bool)))
+    message = rf"at least \[5, 5\], got \[{shape[0]}, {shape[1]}\]"
+    with pytest.raises(ValueError, match=message):
+        env.observation_spec  # noqa: B018

@@ -99,17 +99,21 @@ class Settings:
 
 
 def _field(
-    rule: str, holds: Callable[[Any], bool], given: Callable[[Any], object] = str
+    rule: str,
+    holds: Callable[[Any], bool],
+    given: Callable[[Any], object] = str,
+    *,
+    default: Any = MISSING,
 ) -> Any:
     def check(name: str, value: Any) -> None:
         require(holds(value), f"{name} must {rule}", given(value))
 
-    return field(default=MISSING, metadata={"check": check})
+    return field(default=default, metadata={"check": check})
 
 
-def at_least(least: float) -> Any:
-    """A number that is not too small."""
-    return _field(f"be at least {least}", lambda value: value >= least)
+def at_least(least: float, *, default: Any = MISSING) -> Any:
+    """A number that is not too small; ``default`` is what older runs had."""
+    return _field(f"be at least {least}", lambda value: value >= least, default=default)
 
 
 def above(bound: float) -> Any:

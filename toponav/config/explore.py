@@ -37,6 +37,7 @@ class PolicyConfig(Settings):
     input: str = one_of("auto", "embedding", "pixels")
     view_size: int = at_least(36)
     hidden: int = at_least(1)
+    layers: int = at_least(1, default=1)
 
 
 @dataclass

@@ -27,10 +27,16 @@ NEXT_MEMORY_CELL: NestedKey = ("next", *keys.MEMORY_CELL)
 
 
 class EpisodicLSTM(nn.Module):
-    """One LSTM layer over slices, its state zeroed where ``is_init`` is set.
+    """LSTM layers over slices, their state zeroed where ``is_init`` is set.
 
     Acting calls `step`, training the module, which splits a slice where any of its rows
-    begins an episode, for torch's fused kernel.
+    begins an episode, for torch's fused kernel. The states of all layers lie in one
+    tensor, the first layer's first; the output is the last one's.
+
+    Args:
+        input_dim: length D of what is read.
+        hidden_dim: length H of a layer's state.
+        layers: how many layers, each of which reads the outputs of the one before.
 
     Examples:
         >>> lstm = EpisodicLSTM(8, 16)
@@ -41,32 +47,40 @@ class EpisodicLSTM(nn.Module):
         (torch.Size([4, 20, 16]), torch.Size([4, 16]))
     """
 
-    def __init__(self, input_dim: int, hidden_dim: int = 256) -> None:
+    def __init__(
+        self, input_dim: int, hidden_dim: int = 256, *, layers: int = 1
+    ) -> None:
         super().__init__()
-        #: Length of its state.
-        self.state_dim = hidden_dim
-        self.lstm = nn.LSTM(input_dim, hidden_dim, batch_first=True)
+        self.layers = layers
+        #: Length of the states of all layers together, S.
+        self.state_dim = layers * hidden_dim
+        self.lstm = nn.LSTM(input_dim, hidden_dim, layers, batch_first=True)
 
     def step(self, inputs: Tensor, state: State, is_init: Tensor) -> State:
         """One decision: ``[N, D]``, the state before it, ``[N]`` to the state after."""
+        after, kept = [], _restart(state, is_init)
+        states = zip(*(one.chunk(self.layers, -1) for one in kept), strict=True)
         # Its order: weights of the inputs and the state, biases of both.
-        (weights,) = self.lstm.all_weights
-        hidden, cell = torch.lstm_cell(inputs, _restart(state, is_init), *weights)
+        for weights, before in zip(self.lstm.all_weights, states, strict=True):
+            after.append(torch.lstm_cell(inputs, before, *weights))
+            inputs = after[-1][0]
+        hidden, cell = (torch.cat(parts, -1) for parts in zip(*after, strict=True))
         return hidden, cell
 
     def forward(
         self, inputs: Tensor, state: State, is_init: Tensor
     ) -> tuple[Tensor, State]:
-        """Outputs ``[N, T, H]`` of a slice, ``[N, T, D]``, and the state after it."""
+        """Outputs ``[N, T, H]`` of ``[N, T, D]``, and the state after it, ``[N, S]``."""
         inner = is_init[:, 1:].any(0).nonzero().flatten().add(1).tolist()
         bounds = [0, *inner, inputs.shape[1]]
         outputs = []
         for start, stop in pairwise(bounds):
-            hidden, cell = _restart(state, is_init[:, start])
-            piece, (hidden, cell) = self.lstm(
-                inputs[:, start:stop], (hidden.unsqueeze(0), cell.unsqueeze(0))
+            before = tuple(
+                torch.stack(one.chunk(self.layers, -1))
+                for one in _restart(state, is_init[:, start])
             )
-            state = hidden.squeeze(0), cell.squeeze(0)
+            piece, (hidden, cell) = self.lstm(inputs[:, start:stop], before)
+            state = torch.cat(tuple(hidden), -1), torch.cat(tuple(cell), -1)
             outputs.append(piece)
         return outputs[0] if len(outputs) == 1 else torch.cat(outputs, 1), state
 
@@ -134,6 +148,7 @@ class ActorCritic(TensorDictModuleBase):
         image_size: height and width of the policy's views in pixels.
         channels: ``"HWC"``, or ``"CHW"`` for views ``[*B, 3, H, W]``.
         code_dim, hidden_dim: lengths of the trunk's code and, H, of the LSTM's state.
+        layers: of the LSTM; with more than one its state is as much longer.
         view_key: where the view is, ``policy_pixels`` or ``embedding`` unless given.
         one_hot: write actions as int64 ``[*B, A]`` instead of ``[*B]``.
 
@@ -162,6 +177,7 @@ class ActorCritic(TensorDictModuleBase):
         channels: ChannelOrder = "HWC",
         code_dim: int = 256,
         hidden_dim: int = 256,
+        layers: int = 1,
         view_key: NestedKey | None = None,
         one_hot: bool = False,
     ) -> None:
@@ -173,7 +189,10 @@ class ActorCritic(TensorDictModuleBase):
         if num_actions < 2:
             raise ValueError(f"num_actions must be at least 2, got {num_actions}.")
         self.num_actions = num_actions
+        if layers < 1:
+            raise ValueError(f"layers must be at least 1, got {layers}.")
         self.hidden_dim = hidden_dim
+        self.layers = layers
         self.one_hot = one_hot
         self.trunk: nn.Module
         if input == "pixels":
@@ -199,7 +218,8 @@ class ActorCritic(TensorDictModuleBase):
 
         The last ``hidden_dim`` entries of its hidden state are its output.
         """
-        return EpisodicLSTM(self.code_dim + self.num_actions + 2, self.hidden_dim)
+        inputs = self.code_dim + self.num_actions + 2
+        return EpisodicLSTM(inputs, self.hidden_dim, layers=self.layers)
 
     def make_tensordict_primer(self) -> StatePrimer:
         state = Unbounded((self.lstm.state_dim,))
@@ -210,7 +230,7 @@ class ActorCritic(TensorDictModuleBase):
         )
 
     def initial_state(self, *batch_size: int) -> TensorDict:
-        """Zero states of the LSTM, ``hidden`` and ``memory_cell``, ``[*B, H]``."""
+        """Zero states of the LSTM, ``hidden`` and ``memory_cell``, ``[*B, S]``."""
         zeros = self.actor.weight.new_zeros(*batch_size, self.lstm.state_dim)
         state = {"hidden": zeros, "memory_cell": zeros.clone()}
         return TensorDict(state, batch_size, device=zeros.device)

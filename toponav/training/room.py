@@ -106,7 +106,7 @@ def _batch_bytes(settings: ExploreConfig, world: World, *, has_networks: bool) -
     if policy.input == "embedding":
         seen = _FLOAT * settings.model.embedding_dim
     # Before and after a decision, and the state of the LSTM.
-    decision = _ENTRIES + 2 * seen + 2 * _FLOAT * policy.hidden
+    decision = _ENTRIES + 2 * seen + 2 * _FLOAT * policy.hidden * policy.layers
     if has_networks and settings.map.grow:
         decision += _view_bytes(world, halve=settings.model.halve)
     collect = settings.collect

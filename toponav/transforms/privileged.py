@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
 
 from toponav import keys
 from toponav.keys import read_entry
@@ -36,6 +36,10 @@ class Coverage(ResizableBuffers, KeyedTransform):
         in_keys: key of the cell, int64 ``[*B, 2]`` (row, column).
         out_keys: keys of coverage and reward, float32 ``[*B, 1]``, and of the
             decisions to each level, int64 ``[*B, L]``, -1 if not reached yet.
+
+    Raises:
+        ValueError: if an argument is not as above, or the env's spec of the cell allows
+            some that lie outside ``open_mask``.
 
     Examples:
         >>> meter = Coverage(torch.ones(1, 4, dtype=torch.bool), levels=(0.5, 1.0))
@@ -77,7 +81,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
         if walls := [cell for cell in slot_cells if list(cell) not in open_cells]:
             raise ValueError(f"slot_cells must be open cells, got {walls[0]}")
         super().__init__(in_keys, out_keys)
-        self.num_columns = open_mask.shape[1]
+        self.num_rows, self.num_columns = open_mask.shape
         slots = [row * self.num_columns + column for row, column in slot_cells]
         for name, values in {
             "open_cells": open_mask.flatten().clone(),
@@ -144,6 +148,7 @@ class Coverage(ResizableBuffers, KeyedTransform):
         cell = find_spec(observations, self.in_keys[0], length=2)
         if num_slots := len(self.slot_indices):
             find_spec(observations, keys.BLOCKED, length=num_slots)
+        self._require_cells_inside(cell)
         shape, device = cell.shape[:-1], cell.device
         share = Bounded(0.0, 1.0, (*shape, 1), device, torch.float32)
         reached = Unbounded((*shape, len(self.levels)), device, torch.int64)
@@ -152,6 +157,18 @@ class Coverage(ResizableBuffers, KeyedTransform):
         new = Unbounded((*shape, 1), device, torch.float32)
         output_spec["full_reward_spec"][self.out_keys[1]] = new
         return output_spec
+
+    def _require_cells_inside(self, spec: TensorSpec) -> None:
+        """A cell beyond the mask's last column would count as one of the next row."""
+        if not isinstance(spec, Bounded):
+            return
+        row, column = spec.space.high.reshape(-1, 2).amax(0).tolist()
+        if row >= self.num_rows or column >= self.num_columns:
+            raise ValueError(
+                "open_mask must have a row and a column for each cell of the env, at "
+                f"least [{row + 1}, {column + 1}], got [{self.num_rows}, "
+                f"{self.num_columns}]"
+            )
 
 
 class WaypointTruth(GrowingSlots, KeyedTransform):

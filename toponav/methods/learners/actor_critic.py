@@ -90,6 +90,7 @@ class ActorCriticLearner(Learner):
             num_actions=world.spec.num_actions,
             code_dim=policy.hidden,
             hidden_dim=policy.hidden,
+            layers=policy.layers,
         )
 
     def parameters(self) -> list[nn.Parameter]:

@@ -189,6 +189,8 @@ class QLearner(Learner):
         policy = settings.policy
         rule = f"policy.input must be pixels with loss={settings.loss.name}"
         require(policy.input == "pixels", rule, policy.input)
+        rule = f"policy.layers must be 1 with loss={settings.loss.name}"
+        require(policy.layers == 1, rule, policy.layers)
         return cls.make_network(settings, world.spec.num_actions)
 
     @staticmethod
