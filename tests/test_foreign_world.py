@@ -4,6 +4,7 @@ import csv
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from toponav.builders.pretraining import pretraining_overrides
 from toponav.graph import load_map
 
 ROOT = Path(__file__).parent.parent
+HAS_LAB, HAS_RAY = (find_spec(name) is not None for name in ("deepmind_lab", "ray"))
 WORLD = ("world=gym", "world.id=tests.foreign_world:ForeignWorld-v0")
 
 
@@ -103,6 +105,17 @@ def test_it_pretrains_explores_and_maps_without_coverage(tmp_path: Path) -> None
         ([*WORLD, "world.wrappers=[no.such.Wrapper]"], "world.id: wrappers must be "),
         ([*WORLD, "world.options=[max_steps]"], "world.options must hold entries"),
         (["world=gim"], "world must be one of gym, maze, got 'gim'"),
+        pytest.param(
+            ["engine=dmlab", "maze=maze1"],
+            "the DeepMind Lab engine must be installed, and there is no Python",
+            marks=pytest.mark.skipif(HAS_LAB, reason="it is installed"),
+        ),
+        (
+            ["collect.backend=ray", "ray.address=localhost:1"],
+            "ray.address must"
+            if HAS_RAY
+            else "collect.backend=ray must have Ray, which",
+        ),
     ],
 )
 def test_what_does_not_fit_is_one_sentence(

@@ -22,6 +22,13 @@ _SIZES = {
     "navigate": ("evaluate.episodes", "maze.episode_length"),
     "tour": ("decisions", "height"),
 }
+# Extras that bring a launcher of Hydra's.
+_LAUNCHERS = {
+    "ray": "ray-sweeps",
+    "ray_aws": "ray-sweeps",
+    "submitit_local": "slurm",
+    "submitit_slurm": "slurm",
+}
 # What torch and others say when memory or the disk is full; no type tells it.
 _FULL = re.compile(
     r"allocat|out of memory|shared memory|Storage size|PytorchStreamWriter|enforce fail"
@@ -69,6 +76,9 @@ def _refusal(error: Exception, name: str) -> str:
         parts = re.compile(r"base|schema|run|\w+_schema")
         choices = [option for option in options if not parts.fullmatch(option)]
         rule = f"{group} must be one of {', '.join(choices)}"
+        if group == "hydra/launcher" and given in _LAUNCHERS:
+            extra = f"pip install 'toponav[{_LAUNCHERS[given]}]'"
+            return f"{rule}, got '{given}', which comes with {extra}"
         return f"{rule}, got '{given}'{_hint(given, choices)}"
     if found := re.search(r"full_key: (\S+)", text):
         key = found.group(1)

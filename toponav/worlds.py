@@ -51,6 +51,7 @@ class WorldSpec:
     view_size: tuple[int, int]  # height and width in pixels
     actions: tuple[str, ...]  # the name of each, in the order of their numbers
     motion: Motion | None = None  # none in a world without ground truth
+    engine: str | None = None  # what draws it; none outside the mazes
     #: Side of a square that counts as one place, in a world of which positions alone
     #: are known.
     place_size: float | None = None

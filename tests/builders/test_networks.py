@@ -1,4 +1,5 @@
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from toponav.builders import (
     start_networks,
 )
 from toponav.config import SettingsError
+from toponav.envs import load_engine
 from toponav.modules import (
     ConcatComparator,
     DifferenceComparator,
@@ -59,6 +61,32 @@ def test_a_shared_encoder_counts_once() -> None:
     encoder = SmallEncoder(16, image_size=WORLD.view_size)
     num_weights = sum(p.numel() for p in encoder.parameters())
     assert count(shared=False) - count(shared=True) == num_weights
+
+
+@pytest.mark.parametrize("name", ["vizdoom", "dmlab"])
+def test_networks_of_another_engine_are_refused(tmp_path: Path, name: str) -> None:
+    worlds = {one: load_engine(one).world for one in ("vizdoom", "dmlab")}
+    (other,) = {"vizdoom", "dmlab"} - {name}
+    save_networks(make_networks(tiny_model(), worlds[name]), tmp_path / "networks.pt")
+    # Views and actions are alike: nothing else would tell.
+    assert worlds[name].view_size == worlds[other].view_size
+    assert load_networks(tmp_path, world=worlds[name]).engine == name
+    rule = f"120 x 160 pixels by engine={other} and 6 actions, got .* by engine={name} "
+    with pytest.raises(SettingsError, match=f"^networks must name networks .*{rule}"):
+        load_networks(tmp_path, world=worlds[other])
+
+
+def test_networks_that_do_not_say_their_engine_are_taken(tmp_path: Path) -> None:
+    save_networks(tiny_networks(), tmp_path / "networks.pt")
+    assert load_networks(tmp_path).engine is None
+    sized = replace(WORLD, engine="dmlab")
+    assert load_networks(tmp_path, world=sized).num_actions == 6
+
+
+def test_the_package_has_networks_of_vizdoom() -> None:
+    world = load_engine("dmlab").world
+    with pytest.raises(SettingsError, match=r"by engine=dmlab .* by engine=vizdoom"):
+        load_networks("package:maze3", world=world)
 
 
 @pytest.mark.parametrize("share_encoder", [True, False])

@@ -124,6 +124,15 @@ def test_mazes_have_panels_and_levels_of_their_own(tmp_path: Path) -> None:
     assert found == {"maze1": "uniform random 50.0", "maze3": "uniform random 40.0"}
 
 
+def test_random_walks_on_two_engines_stay_apart(tmp_path: Path) -> None:
+    for engine, level in (("vizdoom", 0.5), ("dmlab", 0.7)):
+        make_exploration(tmp_path, f"engine={engine}", best=[0.8], random=[level])
+    scores = report_exploration(find_runs(tmp_path)).scores
+    walks = [one for one in scores if one.subject == "random"]
+    found = {one.settings["engine"]: one.values.tolist() for one in walks}
+    assert found == {"vizdoom": [50.0], "dmlab": [70.0]}
+
+
 def test_unfinished_runs_are_named_and_left_out(tmp_path: Path) -> None:
     make_exploration(tmp_path, seed=0, best=[0.8, 0.9])
     short = make_exploration(tmp_path, seed=1, best=[0.8])

@@ -39,6 +39,7 @@ class Networks:
     model: ModelConfig
     view_size: tuple[int, int]  # height and width
     num_actions: int
+    engine: str | None = None  # what drew the views; unknown of earlier versions
     #: Calibrated on random walks, by these weights: ``tc_threshold``, ``tc_reach`` of
     #: the map, ``reward_threshold`` of the reward's memory; empty until then.
     thresholds: dict[str, float] = field(default_factory=dict)
@@ -101,6 +102,7 @@ def make_networks(
         config,
         view_size=world.view_size,
         num_actions=world.num_actions,
+        engine=world.engine,
     )
     networks.modules.to(device)
     return networks
@@ -134,6 +136,7 @@ def save_networks(networks: Networks, path: Path, *, half: bool = False) -> None
         "model": asdict(networks.model),
         "view_size": list(networks.view_size),
         "num_actions": networks.num_actions,
+        "engine": networks.engine,
         "weights": modules.state_dict(),
         "thresholds": dict(networks.thresholds),
     }
@@ -182,7 +185,9 @@ def load_networks(
         height, width = state.get("view_size", default.view_size)
         num_actions = int(state.get("num_actions", default.num_actions))
         made_for = WorldSpec(
-            view_size=(height, width), actions=tuple(map(str, range(num_actions)))
+            view_size=(height, width),
+            actions=tuple(map(str, range(num_actions))),
+            engine=state.get("engine"),
         )
         require_same_world(made_for, world or made_for, setting)
         config = ModelConfig(**state["model"])
@@ -195,11 +200,15 @@ def load_networks(
 
 
 def require_same_world(given: WorldSpec, wanted: WorldSpec, setting: str) -> None:
-    """Refuse networks that were made for other views or another number of actions."""
+    """Refuse networks of other views, another engine or another number of actions."""
+    # Those of earlier versions do not say which engine drew their views.
+    known = given.engine is not None and wanted.engine is not None
 
     def describe(world: WorldSpec) -> str:
         height, width = world.view_size
-        return f"views of {height} x {width} pixels and {world.num_actions} actions"
+        by = f" by engine={world.engine}" if known else ""
+        views = f"views of {height} x {width} pixels{by}"
+        return f"{views} and {world.num_actions} actions"
 
     rule = f"{setting} must name networks for {describe(wanted)}"
     require(describe(given) == describe(wanted), rule, f"some for {describe(given)}")

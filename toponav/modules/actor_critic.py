@@ -70,7 +70,7 @@ class EpisodicLSTM(nn.Module):
     def forward(
         self, inputs: Tensor, state: State, is_init: Tensor
     ) -> tuple[Tensor, State]:
-        """Outputs ``[N, T, H]`` of ``[N, T, D]``, and the state after it, ``[N, S]``."""
+        """Outputs ``[N, T, H]`` of a slice ``[N, T, D]``, and the state after it."""
         inner = is_init[:, 1:].any(0).nonzero().flatten().add(1).tolist()
         bounds = [0, *inner, inputs.shape[1]]
         outputs = []

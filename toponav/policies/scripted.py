@@ -49,6 +49,9 @@ def forward_weights(world: WorldSpec) -> tuple[float, ...]:
 class RandomPolicy(TensorDictModuleBase):
     """Draws each action uniformly, as a number or one-hot.
 
+    It sees no env, so that nothing refuses numbers in one whose actions are one-hot, as
+    those of ``GymEnv`` are by default: there they all count as action 0.
+
     Examples:
         >>> RandomPolicy(4, seed=0)(TensorDict(batch_size=[2]))["action"].shape
         torch.Size([2])
@@ -83,7 +86,7 @@ class StickyPolicy(TensorDictModuleBase):
     It gets farther than :class:`RandomPolicy`, which mostly jitters on the spot. The
     last action is carried over the end of an episode. ``weights`` are the relative
     frequencies of the actions when one is drawn; equal by default. They are written as
-    numbers or one-hot.
+    numbers or one-hot, of which `RandomPolicy` says more.
     """
 
     in_keys: list[NestedKey] = []

@@ -119,9 +119,9 @@ def draw_scores(
 def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     """Coverage of the learned and the scripted policies, and learning curves.
 
-    That of the scripted policies depends on the maze alone: their episodes of all runs
-    in it are put together; runs whose episodes are the same count once. If no run knows
-    its coverage, it is the intrinsic return, which depends on all settings.
+    That of the scripted policies depends on maze and engine alone: their episodes of
+    all runs there are put together; runs whose episodes are the same count once. If no
+    run knows its coverage, it is the intrinsic return, which depends on all settings.
     """
     results, left_out = read_all(runs, read_exploration)
     _drop_without_coverage(results, left_out)
@@ -134,7 +134,8 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     levels: dict[str, dict[str, float]] = {}
     blind = next(iter(results.values())).measure != "coverage"
     label = "intrinsic return" if blind else "coverage (%)"
-    of_maze = [name for name in names if blind or name.split(".")[0] == "maze"]
+    where = ("maze", "engine")
+    of_maze = [name for name in names if blind or name.split(".")[0] in where]
     others = [name for name in names if name not in of_maze]
     for maze, in_maze in group_runs(results, of_maze):
         panel = panels.setdefault(label_of(maze), {})

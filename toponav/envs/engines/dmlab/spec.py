@@ -32,6 +32,7 @@ ACTIONS = {
 }
 
 WORLD = WorldSpec(
+    engine="dmlab",
     view_size=(120, 160),
     actions=tuple(ACTIONS),
     motion=Motion(

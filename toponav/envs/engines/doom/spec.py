@@ -41,6 +41,7 @@ def _effect(forward: float, backward: float, right: float) -> Effect:
 
 
 WORLD = WorldSpec(
+    engine="vizdoom",
     view_size=(120, 160),
     actions=tuple(ACTIONS),
     motion=Motion(
