@@ -5,6 +5,7 @@
 Each run of ``examples/curious_minigrid.py`` is added whole to the table, and one that
 is there is not made twice. The figure beside it has a panel for exploring and one for
 walking to pictures, with the mean and the range of the seeds and what random walks do.
+Those mostly go ahead; the last line says how many squares uniform actions enter.
 """
 
 import argparse
@@ -16,8 +17,13 @@ from pathlib import Path
 import pandas as pd
 
 from toponav.plotting import draw_learning_curves, save_figure
+from toponav.policies import RandomPolicy
 
-EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "curious_minigrid.py"
+sys.path.append(str(Path(__file__).resolve().parent.parent / "examples"))
+from painted_rooms import count_squares, make_env
+
+EXAMPLE = Path(sys.path[-1]) / "curious_minigrid.py"
+
 BATCH, NUM_SQUARES = 4096, 260  # decisions; squares of the rooms
 COLUMNS = ["seed", "part", "decisions", "agent", "random"]
 
@@ -90,6 +96,12 @@ def main() -> None:
         table.to_csv(out, index=False)
         print(said.splitlines()[-1], flush=True)
     draw(table, out.with_suffix(".png"))
+    env = make_env(envs=128, length=256, seed=0)
+    entered = count_squares(
+        env.rollout(256, RandomPolicy(3), break_when_any_done=False)
+    )
+    share = entered / NUM_SQUARES
+    print(f"uniform actions: {entered:.1f} of {NUM_SQUARES} squares ({share:.1%})")
 
 
 if __name__ == "__main__":

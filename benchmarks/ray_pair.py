@@ -28,8 +28,8 @@ except ImportError:  # main says so
 
 EXPLORE = Path(__file__).resolve().parent.parent / "recipes" / "explore.py"
 SETTINGS = (
-    *("maze=select", "reward=coverage", "scale=laptop"),
-    *("collect.workers=2", "report.every=2000"),
+    *("maze=select", "pretrained=package:select", "collect.workers=2"),
+    *("map.poses=false", "locomotion.learn=false", "report.every=2000"),
 )
 NODE = {"num_cpus": 1, "object_store_memory": 2 * 10**8}
 

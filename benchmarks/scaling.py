@@ -17,8 +17,9 @@ the episodes that reached one. Since ways grow with the maze, the oracle reaches
 goals in a larger one; its share compares. Where the views did not fit together by their
 poses the map stayed as it grew, and ``navigator`` is ``topological``.
 
-Runs that are finished are not made again, and the table is written after each maze, so
-that the same command goes on where it was cut off.
+Runs that are finished are not made again, and the table is written after each maze;
+rows that it has are kept. So the same command goes on where it was cut off, here or on
+another machine.
 """
 
 import argparse
@@ -154,18 +155,24 @@ def main() -> None:
     )
     parser.add_argument("overrides", nargs="*", help="more settings, as for the recipe")
     options = parser.parse_args()
-    rows = []
+    out, rows = options.out, []
+    if out and out.is_file():
+        rows = pd.read_csv(out).to_dict("records")
+    made = {(row["rooms"], row["seed"]) for row in rows}
     for seed in options.seeds:
         for size in options.sizes:
+            if (size, seed) in made:
+                continue
             given = options.work.resolve(), options.overrides, options.navigate
             rows.append(measure(size, seed, *given))
             print(rows[-1], flush=True)
-            if options.out:
+            if out:
                 table = pd.DataFrame(rows)
-                table.to_csv(options.out, index=False, lineterminator="\n")
+                table.to_csv(out, index=False, lineterminator="\n")
     if options.figure:
         look = {"x": "area (cells, walls included)", "label": "", "same_y": False}
-        save_figure(draw_sweep(panels(pd.DataFrame(rows)), **look), options.figure)
+        table = pd.DataFrame(rows).sort_values(["area", "seed"])
+        save_figure(draw_sweep(panels(table), **look), options.figure)
 
 
 if __name__ == "__main__":

@@ -46,6 +46,8 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     # The world, policies that see nothing in it, networks if this reward needs them.
     world, networks = methods.make_world(settings), None
     training.require_explore_room(settings, world, folder)
+    for hint in reports.large_maze_hints(settings, world):
+        print(hint)
     baselines = reports.start_baselines(settings, world)
     if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
         schedule.begin(reports.PRETRAIN)

@@ -1,5 +1,6 @@
 """An exploration by Ray, run as its users run it."""
 
+import csv
 import operator
 import os
 import subprocess
@@ -41,3 +42,17 @@ def test_it_does_what_local_processes_do(tmp_path: Path) -> None:
     for one, other in zip(local, ray, strict=True):
         equal = torch.equal if isinstance(one, torch.Tensor) else operator.eq
         assert equal(one, other)
+
+
+@pytest.mark.slow
+def test_a_run_is_resumed_by_ray(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    done = explore(folder, "collect.backend=ray", "collect.decisions=512")
+    assert done.returncode == 0, done.stderr
+    done = explore(folder, f"resume={folder}", "collect.decisions=1024")
+    assert done.returncode == 0, done.stderr
+    # It goes on where it was: rows of 256 decisions, none of them twice.
+    with (folder / "metrics.csv").open(newline="") as file:
+        rows = [int(row["decisions"]) for row in csv.DictReader(file)]
+    assert rows == [256, 512, 768, 1024]
+    assert "1,024 decisions in" in done.stdout

@@ -38,6 +38,7 @@ from toponav.reports.exploration_report import (
     ExplorationReport as ExplorationReport,
     Timer as Timer,
 )
+from toponav.reports.large_mazes import large_maze_hints as large_maze_hints
 from toponav.reports.map_report import report_maps as report_maps
 from toponav.reports.navigation_episodes import play_policies as play_policies
 from toponav.reports.navigation_report import (
