@@ -3,7 +3,6 @@
 from tests.exploring import explore_settings, world_of
 from toponav.reports import large_maze_hints
 
-
 MAZE = ("maze=random", "maze.rows=15", "maze.cols=15", "maze.seed=3")
 
 
