@@ -1,5 +1,6 @@
 """Collecting on a Ray cluster of two nodes, one of which dies."""
 
+import time
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
@@ -119,6 +120,25 @@ def test_workers_that_wait_for_the_caller_make_one_batch(joined: Any) -> None:
 
 def envs_of(batch: TensorDictBase) -> tuple[int, ...]:
     return tuple(batch[ENV_ID][:, 0, 0].tolist())
+
+
+def test_a_batch_begins_when_its_workers_last_one_is_taken(joined: Any) -> None:
+    mailbox, begun = make_mailbox(), {}
+    collector = make_collector(mailbox)
+    try:
+        batches = iter(collector)
+        for published in range(6):
+            batch = next(batches)
+            # Made with what was newest then: no batch more lies between.
+            worker = envs_of(batch)
+            assert require_one_version(batch) == (begun.get(worker, 0), 0)
+            begun[worker] = published
+            # A slow learner: meanwhile it has begun the next one.
+            time.sleep(1.5)
+            publish(mailbox, "policy")
+        assert max(begun.values()) == 5
+    finally:
+        collector.shutdown(shutdown_ray=False)
 
 
 def test_a_node_that_dies_costs_its_decisions_only(

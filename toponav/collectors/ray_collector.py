@@ -36,9 +36,10 @@ class LastingRayCollector(RayCollector):
     TorchRL's own ends with the first call that fails. Here the decisions of a worker
     that died are lost, one sentence says so, and a new one takes its number and its
     environments as soon as Ray finds room for it, while the others go on. Without
-    ``sync`` a worker does not wait for the caller either: it has one more call waiting
-    for it. Trajectories are numbered through over all workers, as they are by TorchRL's
-    collectors on one machine.
+    ``sync`` a worker begins its next batch when the caller takes the last one, as in
+    ``MultiAsyncCollector``: one more call waiting for it would save the time that a
+    batch is on its way, with weights that are a batch older. Trajectories are numbered
+    through over all workers, as they are by TorchRL's collectors on one machine.
 
     Args:
         max_idle_s: seconds without a batch, or to start in, before ``TimeoutError``.
@@ -89,8 +90,7 @@ class LastingRayCollector(RayCollector):
             raise
 
     def iterator(self) -> Iterator[TensorDictBase]:
-        calls = 1 if self._sync else 2
-        for worker in calls * list(self._starts):
+        for worker in self._starts:
             self._call(worker)
         yield from self._collect_together() if self._sync else self._collect_apart()
         raise RuntimeError("none of them is left")
@@ -98,12 +98,9 @@ class LastingRayCollector(RayCollector):
     def _collect_apart(self) -> Iterator[TensorDictBase]:
         """Batches of single workers, in the order in which they are done."""
         while self._calls or self._starting:
-            # Of two that are done Ray may name the later one; a worker has an order.
-            calls = {of: call for call, of in reversed(self._calls.items())}
-            (first,) = self._wait([*calls.values(), *self._starting], 1)
+            (first,) = self._wait([*self._calls, *self._starting], 1)
             if first in self._starting:
                 if (worker := self._begin(first)) is not None:
-                    self._call(worker)
                     self._call(worker)
                 continue
             worker = self._calls[first]
