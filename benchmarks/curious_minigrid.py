@@ -25,6 +25,7 @@ from painted_rooms import count_squares, make_env
 EXAMPLE = Path(sys.path[-1]) / "curious_minigrid.py"
 
 BATCH, NUM_SQUARES = 4096, 260  # decisions; squares of the rooms
+UNIFORM_WALKS = 128
 COLUMNS = ["seed", "part", "decisions", "agent", "random"]
 
 
@@ -96,7 +97,7 @@ def main() -> None:
         table.to_csv(out, index=False)
         print(said.splitlines()[-1], flush=True)
     draw(table, out.with_suffix(".png"))
-    env = make_env(envs=128, length=256, seed=0)
+    env = make_env(envs=UNIFORM_WALKS, length=256, seed=0)
     entered = count_squares(
         env.rollout(256, RandomPolicy(3), break_when_any_done=False)
     )
