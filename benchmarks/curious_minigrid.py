@@ -25,7 +25,7 @@ from painted_rooms import count_squares, make_env
 EXAMPLE = Path(sys.path[-1]) / "curious_minigrid.py"
 
 BATCH, NUM_SQUARES = 4096, 260  # decisions; squares of the rooms
-UNIFORM_WALKS = 128
+UNIFORM_WALKS = 2**7
 COLUMNS = ["seed", "part", "decisions", "agent", "random"]
 
 
