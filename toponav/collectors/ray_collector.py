@@ -26,6 +26,8 @@ _WORKER = {"num_cpus": 1, "scheduling_strategy": "SPREAD"}
 _MOST_DEATHS = 3
 # Seconds in which workers close their environments before they are killed.
 _CLOSE_S = 10.0
+# Seconds in which what a worker has made must come; what a dead machine made does not.
+_FETCH_S = 30.0
 # Room for the trajectories of one worker before their numbers are another one's.
 _TRAJECTORIES = 2**32
 
@@ -187,7 +189,11 @@ class LastingRayCollector(RayCollector):
 
     def _wait(self, references: list[Any], num: int) -> list[Any]:
         """The first ``num`` that are done; TimeoutError if they take too long."""
-        done, _ = ray.wait(references, num_returns=num, timeout=self.max_idle_s)
+        # Not until they are here: it would wait for what a dead machine has made, which
+        # never comes, and not for what others make meanwhile.
+        done, _ = ray.wait(
+            references, num_returns=num, timeout=self.max_idle_s, fetch_local=False
+        )
         if len(done) < num:
             raise TimeoutError
         return list(done)
@@ -211,7 +217,7 @@ class LastingRayCollector(RayCollector):
 def _answer(reference: Any) -> Any:
     """What a worker returned; what it raised, unless it died."""
     try:
-        return ray.get(reference)
+        return ray.get(reference, timeout=_FETCH_S)
     except RayTaskError as error:
         cause = error.cause
         raise cause if isinstance(cause, Exception) else RuntimeError(cause) from error
