@@ -2,7 +2,7 @@ r"""What an explorer sees of worlds that are not ours, beside random walks.
 
     python benchmarks/foreign_worlds.py --out results/foreign_worlds.csv \
         --figure results/foreign_worlds.png
-    python benchmarks/foreign_worlds.py --worlds minigrid --seeds 0 -- scale=smoke
+    python benchmarks/foreign_worlds.py --worlds minigrid --seeds 0 1 2
 
 ``recipes/explore.py world=gym`` pre-trains on random walks of the world, whose networks
 all seeds share, explores with the novelty reward, and grows a map; it counts the
@@ -16,6 +16,7 @@ Runs that are finished are not made again. The worlds need the extra ``worlds``.
 """
 
 import argparse
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -57,10 +58,12 @@ SQUARES, PICTURES = "squares entered in an episode", "pictures walked to (%)"
 def run(recipe: str, folder: Path, words: list[str], last: str) -> None:
     """Run a recipe with its words in a log beside its folder, unless ``last`` is there.
 
-    ``last`` is a file that the recipe writes near its end.
+    ``last`` is a file that the recipe writes near its end; what one that was cut off
+    has left goes.
     """
     if (folder / last).is_file():
         return
+    shutil.rmtree(folder, ignore_errors=True)
     command = [sys.executable, str(ROOT / "recipes" / recipe), *words]
     with Path(f"{folder}.log").open("w") as log:
         done = subprocess.run(
@@ -80,7 +83,7 @@ def measure(
     folder = work / f"{world}-{seed}"
     words = [*SETTINGS, *WORLDS[world], f"seed={seed}"]
     words += [f"pretraining.folder={work / 'pretrain'}", *overrides]
-    run("explore.py", folder, words, "phases.csv")
+    run("explore.py", folder, words, "evaluation.csv")
     walked = Path(f"{folder}-navigate")
     words = [f"run={folder}", "navigator=topological", f"seed={seed}"]
     run("navigate.py", walked, [*words, f"evaluate.episodes={EPISODES}"], "summary.csv")

@@ -290,3 +290,5 @@ def test_more_layers_are_refused(name: str) -> None:
         SettingsError, match=f"layers must be 1 with loss={name}, got 2"
     ):
         LEARNERS[name].make_policy(deep, world_of(deep))
+    with pytest.raises(ValueError, match="layers must be 1, got 2"):
+        NavActorCritic(step=33.0, turn=20.0, num_actions=6, layers=2)

@@ -159,7 +159,6 @@ class LastingRayCollector(RayCollector):
 
     def _replace(self, worker: int, error: Exception) -> None:
         """Start a worker again, unless it dies again and again."""
-        self._calls = {one: of for one, of in self._calls.items() if of != worker}
         self._deaths[worker] += 1
         goes_on = self._deaths[worker] < _MOST_DEATHS
         reason = str(error).strip().splitlines()[0].partition(". ")[0]

@@ -85,7 +85,8 @@ class NavActorCritic(ActorCritic):
         step: map units of the fastest action, by which velocities are divided.
         turn: degrees of the fastest turn, likewise.
         first_dim: length of the first LSTM's state.
-        kwargs: those of `ActorCritic`; ``hidden_dim`` is of the second LSTM.
+        kwargs: those of `ActorCritic` but for ``layers``; ``hidden_dim`` is of the
+            second LSTM.
 
     Examples:
         >>> policy = NavActorCritic(step=33.0, turn=20.0, num_actions=6)
@@ -100,6 +101,9 @@ class NavActorCritic(ActorCritic):
     ) -> None:
         self.first_dim = first_dim
         super().__init__(**kwargs)
+        if self.layers != 1:
+            # Its own two are of different sizes, and read different things.
+            raise ValueError(f"layers must be 1, got {self.layers}.")
         scale = torch.tensor([step] * 3 + [turn] * 3).reciprocal()
         self.register_buffer("velocity_scale", scale, persistent=False)
         self.in_keys = [*self.in_keys, keys.VELOCITY]

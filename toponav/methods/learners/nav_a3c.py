@@ -32,7 +32,6 @@ class NavA3CLearner(A3CLearner):
         assert motion is not None, "worlds with a velocity have a motion"
         rule = f"policy.input must be pixels with loss={loss.name}"
         require(policy.input == "pixels", rule, policy.input)
-        # Its own two layers are of different sizes, and read different things.
         rule = f"policy.layers must be 1 with loss={loss.name}"
         require(policy.layers == 1, rule, policy.layers)
         return NavActorCritic(
