@@ -187,7 +187,8 @@ def test_a_node_that_dies_costs_its_decisions_only(
         assert last[lost] > seen
         first, second = numbers.values()
         assert not first & second
-        assert max(numbers[lost]) // 2**32 == 2
+        # Numbered on; Ray may first have put it on the machine that had just died.
+        assert max(numbers[lost]) // 2**32 in (2, 3)
     finally:
         collector.shutdown(shutdown_ray=False)
 
