@@ -6,14 +6,17 @@
 
 The loop of ``recipes/explore.py`` runs for a while: other processes act with the policy
 and look every view up in the memory, and this one learns. Then each part is
-timed alone, on one thread: a decision of the engines, embedding a view, comparing it
-with the memory, a decision of the policy, learning from it. The roof is what all cores
-would do if they did nothing else and never waited for each other:
-``cores / (sum of the parts)``.
+timed alone, on one thread: a decision of the engines (and of the process that drives
+them), embedding a view, comparing it
+with the memory, a decision of the policy, learning from it. The roof is what would be
+done if nothing else were and nobody waited: by all cores, ``cores / (sum of the
+parts)``, or by the learner, which is one thread of one process, whichever is full
+first.
 
-With ``--device cuda`` all but the engines is on the GPU, of which there is one. What is
-timed there is waited for, and copying full views to it is a part, too. Cores and GPU
-can work at the same time: the roof is that of the one that is full first.
+With ``--device cuda`` all but the engines is on the GPU, of which there is one, and
+copying full views to it is a part, too. Then a part is the time that its core needs to
+ask the GPU for it, and what the GPU computes and copies meanwhile is taken from
+torch's profiler; its kernels and its copies have roofs of their own.
 
 - ``laptop``: the small networks, the policy on the embedding, PPO; about 25 waypoints,
   as at the threshold for rewards. Target 1,000 decisions/s on two quiet cores.
@@ -22,22 +25,28 @@ can work at the same time: the roof is that of the one that is full first.
 
 The networks are untrained: that changes no shape. A threshold of almost 1 makes every
 view novel, so that the memory fills up at once and stays at the profile's size. Times
-of parts are the best of several windows; the ratio and the shares are of the mean rate
-all in, and the best window's is beside it. The load average says how far to trust them.
+of parts, but for the engines', are the best of several windows; the ratio and the
+shares are of the mean rate all in, and the best window's is beside it. The load average
+says how far to trust them.
 """
 
 import argparse
 import json
+import math
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import psutil
 import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from tensordict import TensorDictBase
+from torch.profiler import ProfilerActivity, profile
 
 from toponav.builders import (
     World,
@@ -104,16 +113,45 @@ def make_settings(profile: str, overrides: list[str]) -> ExploreConfig:
 def best_seconds(
     call: Callable[[], object], windows: int = WINDOWS, device: torch.device = CPU
 ) -> float:
-    """The shortest time of a call, until its device has done all of it."""
+    """The shortest time of a call of a core, with nothing else asked of its device."""
     call()
     best = float("inf")
     for _ in range(windows):
         settle(device)
         start = time.perf_counter()
         call()
-        settle(device)
         best = min(best, time.perf_counter() - start)
     return best
+
+
+def device_seconds(
+    call: Callable[[], object], device: torch.device, calls: int = 4
+) -> dict[str, float]:
+    """Seconds of a GPU for a call: of its kernels, and of copies from and to it."""
+    if device.type != "cuda":
+        return {}
+    with profile(activities=[ProfilerActivity.CUDA]) as watched:
+        for _ in range(calls):
+            call()
+        settle(device)
+    spent = {"kernels": 0.0, "copies": 0.0}
+    for event in watched.key_averages():
+        # Copies within the device are made by its cores, as kernels are.
+        copied = event.key.startswith(("Memcpy HtoD", "Memcpy DtoH"))
+        spent["copies" if copied else "kernels"] += event.self_device_time_total
+    return {name: 1e-6 * total / calls for name, total in spent.items()}
+
+
+def time_call(
+    call: Callable[[], object],
+    decisions: int,
+    device: torch.device,
+    windows: int = WINDOWS,
+) -> dict[str, float]:
+    """Seconds that a core and the device need for one of the decisions of a call."""
+    found = {"core": best_seconds(call, windows, device)}
+    found |= device_seconds(call, device)
+    return {name: seconds / decisions for name, seconds in found.items()}
 
 
 def settle(device: torch.device) -> None:
@@ -122,36 +160,39 @@ def settle(device: torch.device) -> None:
         torch.cuda.synchronize(device)
 
 
-def places_of(settings: ExploreConfig) -> dict[str, torch.device]:
-    """Where each part is computed."""
-    there = make_device(settings.collect_device)
-    places = dict.fromkeys(("policy", "embed", "compare", "transfer"), there)
-    if there == CPU:
-        del places["transfer"]
-    return {"engines": CPU, **places, "learn": make_device(settings.device)}
-
-
 def against_roof(
-    parts: Mapping[str, float],
-    places: Mapping[str, torch.device],
-    mean: float,
-    cores: int,
+    parts: Mapping[str, Mapping[str, float]], mean: float, cores: int
 ) -> dict[str, Any]:
-    """A mean rate in decisions/s against that of cores and devices that never wait."""
-    number = {name: cores if places[name] == CPU else 1 for name in parts}
-    each = {name: seconds / number[name] for name, seconds in parts.items()}
-    of_cores = [name for name in parts if places[name] == CPU]
-    elsewhere = [name for name in parts if places[name] != CPU]
-    busy = [sum(each[n] for n in parts if places[n] == one) for one in places.values()]
-    shares = {name: each[name] * mean for name in of_cores}
+    """A mean rate in decisions/s against what is full first, and how full all is.
+
+    ``parts`` are seconds for a decision: ``core`` of one core, ``kernels`` and
+    ``copies`` of a GPU.
+    """
+    seconds = {
+        where: {name: part[where] for name, part in parts.items() if part.get(where)}
+        for where in ("core", "kernels", "copies")
+    }
+    busy = {
+        "cores": sum(seconds["core"].values()) / cores,
+        "learner": parts["learn"]["core"],
+        "kernels": sum(seconds["kernels"].values()),
+        "copies": sum(seconds["copies"].values()),
+    }
+    first = max(busy, key=lambda name: busy[name])
+    shares = {name: one * mean / cores for name, one in seconds["core"].items()}
     shares["rest"] = 1 - sum(shares.values())
     return {
-        "roof": 1 / max(busy),
-        "ratio": mean * max(busy),
-        "milliseconds_of_a_core": {name: 1e3 * parts[name] for name in of_cores},
-        "milliseconds_elsewhere": {name: 1e3 * parts[name] for name in elsewhere},
+        "roof": 1 / busy[first],
+        "full_first": first,
+        "ratio": mean * busy[first],
+        "roofs": {name: 1 / one for name, one in busy.items() if one},
+        "milliseconds_of_a_core": {n: 1e3 * one for n, one in seconds["core"].items()},
         "shares": shares,
-        "shares_elsewhere": {name: each[name] * mean for name in elsewhere},
+        "milliseconds_of_the_gpu": {
+            where: {name: 1e3 * one for name, one in seconds[where].items()}
+            for where in ("kernels", "copies")
+            if seconds[where]
+        },
     }
 
 
@@ -171,8 +212,10 @@ def run_all_in(
     batches = collect_batches(collector, max_idle_s=settings.collect.max_idle_s)
     # One window is a few batches: single ones come in bursts.
     per_window, rates, done = 2 * settings.collect.workers, [], 0
+    to_fill = math.ceil(settings.reward.capacity / settings.loss.rollout)
     try:
-        for _ in range(2 * per_window):  # the memories fill up
+        # Two for what is slow at first, or until the memories are full.
+        for _ in range(settings.collect.workers * max(2, to_fill)):
             batch = next(batches)
         end = time.perf_counter() + seconds
         began = time.perf_counter()
@@ -191,20 +234,33 @@ def run_all_in(
 
 
 @torch.no_grad()
-def time_env(world: World, envs: int) -> float:
-    """Seconds of the engines' cores for a decision: they draw on other threads."""
+def time_env(world: World, envs: int, steps: int = 200) -> float:
+    """Seconds of a core for a decision of the engines, and of driving them.
+
+    They are processes of their own, of which several draw at a time: it is taken from
+    what the system counts for them and for this process.
+    """
     env = world.make_env(batch_size=envs, seed=0, privileged=world.spec.has_truth)
     now = env.reset()
     action = torch.zeros(envs, dtype=torch.int64)
-    seconds = best_seconds(lambda: env.step(now.set("action", action)), 50)
+    own = psutil.Process()
+    processes = [own, *own.children(recursive=True)]
+
+    def spent() -> float:
+        return sum(sum(one.cpu_times()[:2]) for one in processes)
+
+    began = spent()
+    for _ in range(steps):
+        env.step(now.set("action", action))
+    seconds = spent() - began
     env.close()
-    return seconds / envs
+    return seconds / steps / envs
 
 
 @torch.no_grad()
 def time_decision(
     settings: ExploreConfig, world: World, explorer: Explorer, envs: int
-) -> dict[str, float]:
+) -> dict[str, dict[str, float]]:
     """Seconds of a decision: of the policy, of embedding, comparing and copying views.
 
     The networks are copies, where and in the precision in which collecting processes
@@ -233,12 +289,12 @@ def time_decision(
     if device != CPU:
         calls["transfer"] = lambda: full.to(device, non_blocking=True)
     windows = {"policy": 50}
-    seconds = {
-        name: best_seconds(call, windows.get(name, WINDOWS), device) / envs
+    parts = {
+        name: time_call(call, envs, device, windows.get(name, WINDOWS))
         for name, call in calls.items()
     }
     env.close()
-    return seconds
+    return parts
 
 
 def measure(settings: ExploreConfig, seconds: float) -> dict[str, Any]:
@@ -257,10 +313,11 @@ def measure(settings: ExploreConfig, seconds: float) -> dict[str, Any]:
     )
     explorer = Explorer(learner.policy, reward, networks)
     best, mean, batch = run_all_in(settings, world, explorer, learner, seconds)
-    parts = {"engines": time_env(world, envs)}
+    print(f"{mean:.0f} decisions/s all in; timing the parts", file=sys.stderr)
+    parts = {"engines": {"core": time_env(world, envs)}}
     parts |= time_decision(settings, world, explorer, envs)
-    learn = best_seconds(lambda: learner.extend(batch.clone()), 4, learner.device)
-    parts["learn"] = learn / batch.numel()
+    learn = partial(learner.extend, batch.clone())
+    parts["learn"] = time_call(learn, batch.numel(), learner.device, windows=4)
     return {"best": best, "mean": mean, "parts": parts}
 
 
@@ -284,7 +341,7 @@ def main() -> None:
         "overrides": arguments.overrides,
         "decisions_per_second": best,
         "mean_decisions_per_second": mean,
-        **against_roof(parts, places_of(settings), mean, cores),
+        **against_roof(parts, mean, cores),
         "device": arguments.device,
         "collect_device": settings.collect_device,
         # By which a processor computes like an older one.

@@ -178,7 +178,8 @@ def roofs(
     prepare_process(threads=1)
     world = make_world(explore)
     networks = make_networks(explore.model, world.spec)
-    parts = measure(explore, 10.0)["parts"]
+    timed = measure(explore, 10.0)["parts"]
+    parts = {name: seconds["core"] for name, seconds in timed.items()}
 
     pairs, width, many = pretrain.pairs, explore.model.embedding_dim, torch.zeros
     views = torch.zeros(8, *networks.view_size, 3, dtype=torch.uint8)

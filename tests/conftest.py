@@ -65,7 +65,10 @@ def device(request: pytest.FixtureRequest) -> Iterator[str]:
         with StandInDevice():
             yield NAME
     else:
-        yield request.param
+        # Its convolutions round to TF32 otherwise, and tests compare with a processor.
+        flags = {"enabled": True, "benchmark": False, "deterministic": False}
+        with torch.backends.cudnn.flags(**flags, allow_tf32=False):
+            yield request.param
 
 
 @pytest.fixture(scope="module")

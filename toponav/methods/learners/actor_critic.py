@@ -117,7 +117,9 @@ class ActorCriticLearner(Learner):
             and the learning rate.
         """
         lr = self.schedule()
-        pieces = self.minibatches(self.scale(batch).to(self.device))
+        # Nothing but what it reads goes to its device.
+        wanted = [*self.in_keys, ("next", keys.SCALED_REWARD)]
+        pieces = self.minibatches(self.scale(batch).select(*wanted).to(self.device))
         measured = [self._step(piece) for piece in pieces]
         means = {
             name: sum(one[name] for one in measured) / len(measured)
@@ -153,6 +155,8 @@ class ActorCriticLearner(Learner):
             raise
         total: Tensor = sum(losses[name] for name in self.losses)
         names = (*self.losses, *self.logged)
-        measured = {name: float(losses[name].detach()) for name in names}
+        # Read at once: a GPU is waited for each time.
+        numbers = torch.stack([losses[name].detach() for name in names]).tolist()
+        measured = dict(zip(names, numbers, strict=True))
         self.descend(total, measured)
         return measured

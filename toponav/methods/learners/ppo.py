@@ -55,6 +55,7 @@ class PPOLearner(ActorCriticLearner):
         return torch.optim.Adam(self.policy.parameters(), lr=self.config.lr, eps=1e-5)
 
     def minibatches(self, batch: TensorDictBase) -> Iterator[TensorDictBase]:
-        batch = self.loss.estimate_advantage(batch)
+        # Each pass copies what it cuts.
+        batch = self.loss.estimate_advantage(batch).select(*self.loss.in_keys)
         for _ in range(self.config.epochs):
             yield from self.sequences(batch)

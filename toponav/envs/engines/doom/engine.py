@@ -66,7 +66,7 @@ class Engine:
                 f"({_import_error}): {_REMEDY}"
             )
         with _first_start:  # one probe, however many engines start at once
-            instances.sweep()
+            instances.sweep_if_due()
             check_wad(self._wad, self._map_name)
         instances.end_engines_on_sigterm()
         self._folder = instances.claim()

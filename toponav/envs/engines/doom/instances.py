@@ -6,6 +6,7 @@ start sweeps the folders of dead owners; SIGTERM ends the engines first.
 """
 
 import atexit
+import math
 import os
 import shutil
 import signal
@@ -13,7 +14,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -37,6 +38,9 @@ SHARED_BYTES = 96 * 1024
 _FILES_BYTES = 1024 * 1024
 # An engine that has not started after so many seconds does not start any more.
 _STARTING_S = 20.0
+# A sweep looks at all processes and all engines' files.
+_SWEEP_EVERY_S = 1.0
+_swept = -math.inf
 _SHARED_MEMORY_PREFIXES = ("ViZDoomSM", "ViZDoomMQCtr", "ViZDoomMQDoom")
 
 
@@ -90,6 +94,14 @@ def release(folder: Path) -> None:
     """End an engine and remove all it left, unless this is a fork of its owner."""
     if folder.name.startswith(f"{os.getpid()}-"):
         _reap(folder)
+
+
+def sweep_if_due() -> None:
+    """Sweep, unless this process did a moment ago: many engines start together."""
+    global _swept
+    if time.monotonic() - _swept > _SWEEP_EVERY_S:
+        sweep()
+        _swept = time.monotonic()
 
 
 def sweep() -> int:
@@ -184,25 +196,65 @@ def _remove_nameless(commands: Sequence[list[str]]) -> None:
                 file.unlink()
 
 
-def _engines_of(folder: Path) -> list[tuple[psutil.Process, list[str]]]:
+def _engines_of(folder: Path) -> Iterator[tuple[psutil.Process, list[str]]]:
     """Processes whose command line names the folder's configuration file."""
-    config = str(ini_path(folder))
-    processes = psutil.process_iter(["cmdline"])
-    commands = ((process, process.info["cmdline"] or []) for process in processes)
-    return [(process, command) for process, command in commands if config in command]
+    noted = _noted_process(folder)
+    return _matching(folder, psutil.process_iter() if noted is None else noted)
 
 
 def engine_pid(folder: Path) -> int | None:
-    """Process number of the engine that uses a claimed folder, if one does.
+    """Process number of the engine that uses a folder of this process, if one does.
 
-    Its instance number is recorded too: of one that dies while it starts, nothing else
-    would tell it.
+    It is recorded, and so is the engine's instance number: of one that dies while it
+    starts, nothing else would tell it.
     """
-    for process, command in _engines_of(folder):
-        if (found := _instance_of(command)) is not None:
-            note_instance(folder, found)
+    noted = _noted_process(folder)
+    for process, command in _matching(folder, _children() if noted is None else noted):
+        if noted is None:
+            (folder / "pid").write_text(str(process.pid))
+            if (found := _instance_of(command)) is not None:
+                note_instance(folder, found)
         return int(process.pid)
     return None
+
+
+def _matching(
+    folder: Path, processes: Iterable[psutil.Process]
+) -> Iterator[tuple[psutil.Process, list[str]]]:
+    config = str(ini_path(folder))
+    for process in processes:
+        with suppress(psutil.Error):
+            if config in (command := process.cmdline()):
+                yield process, command
+
+
+def _noted_process(folder: Path) -> list[psutil.Process] | None:
+    """The process that was recorded, if it lives; ``None`` if none was recorded.
+
+    To look through all processes for each engine takes longer the more engines there
+    are, and there may be a thousand.
+    """
+    try:
+        pid = int((folder / "pid").read_text())
+    except (OSError, ValueError):
+        return None
+    with suppress(psutil.Error, ValueError, OverflowError):
+        return [psutil.Process(pid)]
+    return []
+
+
+def _children() -> Iterator[psutil.Process]:
+    """Processes that this one started, the newest first."""
+    lists = list(Path("/proc/self/task").glob("*/children"))
+    if not lists:
+        yield from psutil.Process().children()[::-1]
+    pids = list[int]()
+    for one in lists:
+        with suppress(OSError):  # a thread that has ended
+            pids += map(int, one.read_text().split())
+    for pid in sorted(pids, reverse=True):
+        with suppress(psutil.Error):
+            yield psutil.Process(pid)
 
 
 def _instance_of(command: list[str]) -> str | None:
