@@ -1,5 +1,6 @@
 """No engine outlives its owner, and no living owner loses one."""
 
+import math
 import os
 import shutil
 import signal
@@ -168,6 +169,7 @@ class TestSweep:
         folder = instances.registry() / name
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "instance").write_bytes(b"\xff\0/../..")
+        (folder / "pid").write_bytes(b"\xff9")
         assert instances.sweep() == 1
         assert not folder.exists()
 
@@ -298,6 +300,42 @@ def test_a_claimed_folder_holds_what_the_engine_must_not_write() -> None:
         instances.release(folder)
     instances.release(folder)  # twice is harmless
     assert instances.engine_pid(folder) is None
+
+
+def test_engines_start_and_end_without_a_look_at_all_processes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Each of a thousand engines would look at the other thousand's.
+    instances.sweep_if_due()
+    monkeypatch.setattr(instances, "_SWEEP_EVERY_S", 1000.0)
+    monkeypatch.setattr(psutil, "process_iter", lambda *_: pytest.fail("all of them"))
+    env = DoomMazeEnv(LANE, batch_size=2)
+    pids = env.games.pids
+    env.close()
+    assert len(set(pids)) == 2
+    assert ends(lambda: [pid for pid in pids if psutil.pid_exists(pid)])
+
+
+def test_a_sweep_is_due_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    swept = list[float]()
+    monkeypatch.setattr(instances, "sweep", lambda: swept.append(time.monotonic()))
+    monkeypatch.setattr(instances, "_swept", -math.inf)
+    for _ in range(3):
+        instances.sweep_if_due()
+    assert len(swept) == 1
+    monkeypatch.setattr(instances, "_swept", time.monotonic() - 1.1)
+    instances.sweep_if_due()
+    assert len(swept) == 2
+
+
+@pytest.mark.parametrize("pid", [str(os.getpid()), "99999999", f"{10**60}", "-1"])
+def test_a_noted_number_that_is_not_the_engines_is_left_alone(pid: str) -> None:
+    # This process: a number may be given again once its engine has ended.
+    folder = instances.claim()
+    (folder / "pid").write_text(pid)
+    assert instances.engine_pid(folder) is None
+    instances.release(folder)
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize("which", ["SHARED_MEMORY", "TMPDIR"])
