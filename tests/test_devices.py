@@ -5,6 +5,7 @@ On the stand-in device operations on tensors of two devices are refused, as on a
 
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from tests.exploring import explore_settings, make_batch, world_of
 from tests.forked import run_forked
 from tests.methods import test_nav_a3c, test_q_learners
 from tests.models import tiny_model
-from tests.stand_in_device import NAME
+from tests.stand_in_device import NAME, HostWaits, StandInDevice
 from tests.stand_in_workers import stand_in_workers
 from tests.training.pair_storage import WORLD, make_trainer, make_walks, pair_settings
 from tests.training.test_continued_training import CONFIG
@@ -116,6 +117,35 @@ def test_learners_learn_there(device: str, loss: str) -> None:
     measured = learner.extend(make_batch(settings))
     assert all(value == value for value in measured.values())
     assert str(next(learner.policy.parameters()).device).startswith(device)
+
+
+def test_an_update_waits_little_for_the_device() -> None:
+    def waits(epochs: int) -> Counter[str]:
+        words = ("loss=ppo", "loss.minibatches=1", f"loss.epochs={epochs}")
+        settings = explore_settings(f"device={NAME}", *words)
+        learner = LEARNERS["ppo"](
+            settings,
+            world_of(settings),
+            reward="intrinsic_reward",
+            check=lambda figures, update: None,
+            progress=lambda: 0.5,
+        )
+        with HostWaits() as found:
+            learner.extend(make_batch(settings))
+        return Counter(found.names)
+
+    with StandInDevice():
+        more = waits(2)
+        more.subtract(waits(1))
+    # Four numbers: whether actions and hidden states are as they must be, one of
+    # TorchRL's loss, the gradient's norm. Two lists: where episodes begin, all losses.
+    # One copy, for all minibatches of a pass: their order, drawn on the processor.
+    assert +more == {
+        "aten._local_scalar_dense": 4,
+        "aten.nonzero": 1,
+        "tolist": 2,
+        "aten._to_copy": 1,
+    }
 
 
 @pytest.mark.parametrize("loss", ["dqn", "drqn", "nav_a3c", "nav_a3c_d2l"])

@@ -172,6 +172,8 @@ class SequenceMinibatches:
             most = f"the batch's {len(sequences)} sequences, got {self.num_minibatches}"
             raise ValueError(f"num_minibatches must be at most {most}.")
         order = torch.randperm(len(sequences), generator=self.generator)
+        if batch.device is not None:
+            order = order.to(batch.device)
         for part in order.tensor_split(self.num_minibatches):
             # Indexing copies bytes one at a time: seven times slower for images.
             yield sequences.apply(
