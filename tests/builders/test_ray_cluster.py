@@ -2,6 +2,7 @@
 
 import re
 import socket
+from types import SimpleNamespace
 
 import pytest
 
@@ -33,6 +34,35 @@ def test_a_machine_that_does_not_answer_is_named(
     rule = "must name a Ray cluster that this machine can reach"
     with pytest.raises(SettingsError, match=f"{rule}, got {address} .*refused"):
         require_cluster(explore_settings(RAY, f"ray.address='{address}'"))
+
+
+def test_a_ray_that_cannot_start_here_is_refused_before_anything_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def init(**_: object) -> None:
+        raise RuntimeError("no room for objects\nand more of it")
+
+    errors = SimpleNamespace(RayError=KeyError)
+    stub = SimpleNamespace(init=init, exceptions=errors)
+    monkeypatch.setattr(ray_cluster, "ray", stub)
+    rule = "must be able to start Ray on this machine, got: no room for objects$"
+    with pytest.raises(SettingsError, match=rule):
+        require_cluster(explore_settings(RAY))
+
+
+def test_a_ray_that_can_start_here_is_ended_until_it_is_needed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done = list[str]()
+    stub = SimpleNamespace(
+        init=lambda address, **_: done.append(f"begin {address}"),
+        cluster_resources=lambda: {"CPU": 2.0},
+        shutdown=lambda: done.append("end"),
+        exceptions=SimpleNamespace(RayError=KeyError),
+    )
+    monkeypatch.setattr(ray_cluster, "ray", stub)
+    require_cluster(explore_settings(RAY, "collect.workers=2"))
+    assert done == ["begin local", "end"]
 
 
 @pytest.mark.parametrize(

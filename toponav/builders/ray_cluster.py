@@ -21,8 +21,9 @@ def require_cluster(settings: ExploreConfig) -> None:
     """Refuse ``collect.backend=ray`` if it could not begin; joins nothing for good.
 
     Raises:
-        SettingsError: if Ray is not installed, or ``ray.address`` names no cluster
-            that can be used, or one with too few cores.
+        SettingsError: if Ray is not installed, cannot start on this machine, or
+            ``ray.address`` names no cluster that can be used, or one with too few
+            cores.
     """
     address, workers = settings.ray.address, settings.collect.workers
     if settings.collect.backend == "local":
@@ -31,13 +32,13 @@ def require_cluster(settings: ExploreConfig) -> None:
         return
     rule = "collect.backend=ray must have Ray, which pip install 'toponav[ray]' brings"
     require(ray is not None, rule, "no module of that name")
-    if address is None:
-        return
-    host, _, port = address.rpartition(":")
-    try:
-        socket.create_connection((host, int(port)), timeout=_ANSWER_S).close()
-    except OSError as error:
-        raise _unusable(address, error) from error
+    if address is not None:
+        host, _, port = address.rpartition(":")
+        try:
+            socket.create_connection((host, int(port)), timeout=_ANSWER_S).close()
+        except OSError as error:
+            raise _unusable(address, error) from error
+    # Before hours of pre-training; one of this machine is started anew after them.
     join_cluster(address, workers=workers)
     ray.shutdown()
 
