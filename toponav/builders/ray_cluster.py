@@ -38,7 +38,7 @@ def require_cluster(settings: ExploreConfig) -> None:
             socket.create_connection((host, int(port)), timeout=_ANSWER_S).close()
         except OSError as error:
             raise _unusable(address, error) from error
-    # Before hours of pre-training; one of this machine is started anew after them.
+    # Before hours of pre-training; one of this machine starts again after them.
     join_cluster(address, workers=workers)
     ray.shutdown()
 
