@@ -45,7 +45,7 @@ SIZES, EPISODES, TOURS = ("5x6", "7x8", "10x10", "15x15", "20x20"), 8, 4
 #: Decisions of an episode for each open cell.
 PER_CELL = 1_800 / 63
 #: Who explores, in the order of the figure, and who navigates.
-EXPLORERS = ("best", "last", "random", "sticky", "frontier")
+EXPLORERS = ("best", "random", "sticky", "frontier")
 NAVIGATORS = ("navigator", "oracle", "random")
 
 
