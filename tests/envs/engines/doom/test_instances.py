@@ -328,7 +328,10 @@ def test_a_sweep_is_due_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None
     assert len(swept) == 2
 
 
-@pytest.mark.parametrize("pid", [str(os.getpid()), "99999999", f"{10**60}", "-1"])
+@pytest.mark.parametrize(
+    "pid",
+    [pytest.param(str(os.getpid()), id="own"), "99999999", f"{10**60}", "-1"],
+)
 def test_a_noted_number_that_is_not_the_engines_is_left_alone(pid: str) -> None:
     # This process: a number may be given again once its engine has ended.
     folder = instances.claim()
