@@ -2,16 +2,15 @@
 
     python benchmarks/explore_speed.py --out results/explore_speed.json
     python benchmarks/explore_speed.py --profile resnet18 --out results/resnet18.json
-    python benchmarks/explore_speed.py --device cuda collect.envs=512
+    python benchmarks/explore_speed.py --device cuda collect.workers=8 collect.envs=512
 
 The loop of ``recipes/explore.py`` runs for a while: other processes act with the policy
 and look every view up in the memory, and this one learns. Then each part is
 timed alone, on one thread: a decision of the engines (and of the process that drives
-them), embedding a view, comparing it
-with the memory, a decision of the policy, learning from it. The roof is what would be
-done if nothing else were and nobody waited: by all cores, ``cores / (sum of the
-parts)``, or by the learner, which is one thread of one process, whichever is full
-first.
+them), embedding a view, comparing it with the memory, a decision of the policy,
+learning from it. The roof is what would be done if nothing else were and nobody waited:
+by all cores, ``cores / (sum of the parts)``, or by the learner, which is one thread of
+one process, whichever is full first.
 
 With ``--device cuda`` all but the engines is on the GPU, of which there is one, and
 copying full views to it is a part, too. Then a part is the time that its core needs to
