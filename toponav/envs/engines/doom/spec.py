@@ -11,8 +11,10 @@ TICS_PER_DECISION = 4
 CELL_SIZE = 128
 STEP_LENGTH = 33.1
 ROOM_HEIGHT = 128
-#: Degrees that one turning decision turns by.
+#: Degrees that one turning decision asks for, and the parts of a turn that the engine
+#: counts in.
 TURN_ANGLE = 20.0
+TURN_PARTS = 2**16
 #: The agent is a square of twice this side, in map units; its eye is so high.
 PLAYER_RADIUS = 16
 EYE_HEIGHT = 48
@@ -34,7 +36,11 @@ ACTIONS = {
 def _effect(forward: float, backward: float, right: float) -> Effect:
     # In each tic the agent turns first and then moves: its path is an arc, whose chord
     # points aside by so much of the turn.
-    turn = -right * TICS_PER_DECISION
+    # Each tic is rounded down to whole parts: 20.017 degrees to the left and 19.995 to
+    # the right. An agent that explores is off by 14 degrees after 1,800 decisions
+    # where both count as 20.
+    parts = -math.floor(right / 360 * TURN_PARTS)
+    turn = parts / TURN_PARTS * 360 * TICS_PER_DECISION
     chord = math.radians((TICS_PER_DECISION + 1) / (2 * TICS_PER_DECISION) * turn)
     step = STEP_LENGTH * (forward - backward)
     return Effect(step * math.cos(chord), step * math.sin(chord), turn)
