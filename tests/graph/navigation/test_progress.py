@@ -57,6 +57,15 @@ def test_each_cut_that_follows_soon_reaches_farther():
     assert stuck_at(progress, 1)[1] == 0
 
 
+def test_the_reach_of_a_hundred_cuts_in_a_row_is_a_number():
+    # 2^100 - 1 edges would be no int64.
+    progress = make_progress(2)
+    for _ in range(100):
+        watch(progress, 5), watch(progress, 5)
+        *_, reach = progress.give_up(0)
+    assert 2**31 < reach < 2**63
+
+
 def test_a_cut_elsewhere_begins_again():
     progress = make_progress(4)
     for _ in range(2):

@@ -10,6 +10,8 @@ from torch import Tensor
 _MISTAKEN = 8
 # A cut is soon after another within this many times the patience.
 _SOON = 2
+#: Edges: beyond any map, and twice as many are still an int64.
+_FARTHEST = 2**32
 
 
 class Progress:
@@ -66,7 +68,7 @@ class Progress:
         number = self._cost.shape[1] // _MISTAKEN + 1
         nearest = self._cost[agent].kthvalue(number)
         reach = int(self._reach[agent])
-        self._reach[agent] = 2 * reach + 1
+        self._reach[agent] = min(2 * reach + 1, _FARTHEST)
         self._since_cut[agent] = self._count[agent] = 0
         return int(self._place[agent, nearest.indices]), float(nearest.values), reach
 
