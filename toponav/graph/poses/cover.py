@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.hierarchy import DisjointSet
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import shortest_path
 
@@ -150,16 +151,17 @@ def trusted_moves(
         counts.keys() - trusted, key=lambda pair: (-counts[pair], steps[pair])
     )
     apart = _path_lengths(trusted, steps, len(positions))
+    joined = DisjointSet(range(len(positions)))
+    for pair in trusted:
+        joined.merge(*pair)
     bridges = []
     for pair in rest:
         if apart[pair] <= rules.detour * steps[pair] + rules.beyond:
             trusted.add(pair)
         elif not np.isfinite(apart[pair]):
             bridges.append(pair)
-    for pair in bridges:
-        # What was added may join its ends by now.
-        if not np.isfinite(_path_lengths(trusted, steps, len(positions))[pair]):
-            trusted.add(pair)
+    # What is added may join the ends of others.
+    trusted.update(pair for pair in bridges if joined.merge(*pair))
     return Counter(
         {
             (one, other): count
