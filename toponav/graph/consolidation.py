@@ -25,9 +25,9 @@ from toponav.parts import require_parts
 
 #: Pairs of a view and a waypoint that are compared in one call.
 _PAIRS = 4096
-#: Shares of the views whose poses must be found, and of the pairs of views that look
-#: like one place and must fit, for a map to be made again by them.
-_KNOWN, _FIT = 0.8, 0.5
+#: Share of the pairs of views that look like one place and must fit, for a map to be
+#: made again by them.
+_FIT = 0.5
 #: A view may be a little further from its waypoint than waypoints are from each other.
 _MARGIN = 1.0
 
@@ -78,7 +78,7 @@ def consolidate(
     poses = estimate_poses(
         walks, effects, waypoints.compare, waypoints.entries_of, rules
     )
-    if poses.known < _KNOWN or poses.fit < _FIT:
+    if poses.known < rules.least_known or poses.fit < _FIT:
         return unchanged
     of_views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1)
     views = of_views.double().numpy()

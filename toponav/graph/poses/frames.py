@@ -44,6 +44,26 @@ def moved(poses: Tensor, effects: Tensor) -> Tensor:
     return poses + torch.stack(change, -1)
 
 
+def reckoned(effects: Tensor) -> Tensor:
+    """Poses ``[T, 3]`` of T views by the ``effects`` ``[T, 3]`` of what follows each.
+
+    They are seen from the first view, as if nothing had stopped the agent.
+
+    Examples:
+        >>> ahead, turn = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 90.0]])
+        >>> poses = reckoned(torch.stack([ahead, turn, ahead, ahead]))
+        >>> poses.round(decimals=3).abs().tolist()  # -0.0 is 0
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 90.0], [1.0, 1.0, 90.0]]
+    """
+    effects = effects.double()
+    heading = effects[:, 2].cumsum(0) - effects[:, 2]
+    steps = torch.zeros_like(effects)
+    seen = torch.cat([steps[:, :2], heading.unsqueeze(1)], 1)
+    steps[:, :2] = moved(seen, effects)[:, :2]
+    steps[:, 2] = effects[:, 2]
+    return steps.cumsum(0) - steps
+
+
 def fastest_turn(effects: Tensor) -> float:
     """Degrees that the fastest of actions with these ``effects`` ``[A, 3]`` turns."""
     return float(effects[:, 2].abs().max())

@@ -1,7 +1,7 @@
 """`estimate_poses`: where views were taken, from actions and views alone."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -15,7 +15,9 @@ from toponav.graph.poses.closures import (
     find_closures,
     spread_weights,
 )
+from toponav.graph.poses.confirmation import ConfirmRules, confirm_closures
 from toponav.graph.poses.directions import find_directions
+from toponav.graph.poses.frames import reckoned
 from toponav.graph.poses.least_squares import PositionProblem, redescending
 from toponav.graph.poses.steps import Steps
 from toponav.graph.trajectories import Trajectory
@@ -42,6 +44,10 @@ class PoseRules:
     every: int = 3
     shortlist: int = 64
     apart: int = 30
+    #: If less than this share of the views has a direction by all pairs of views that
+    #: show one place, those alone count that others confirm.
+    least_known: float = 0.8
+    confirm: ConfirmRules = field(default_factory=ConfirmRules)
     #: Rounds of finding positions and learning steps from them.
     rounds: int = 8
     #: Standard deviations: of a step, and of two views of one place.
@@ -108,6 +114,8 @@ def estimate_poses(
 
     1. Headings are sums of the agent's own turns; closures, pairs of views that the
        TC-network takes for one place, vote how those of the walks belong together.
+       Where many places look alike, only those do that others confirm
+       (`confirm_closures`).
     2. Positions are those that fit the steps ahead and the closures best. What fits
        nothing, a step into a wall or two places that look alike, loses its weight.
     3. `Odometry` learns from these positions what each step led to, and 2 starts again.
@@ -123,11 +131,18 @@ def estimate_poses(
     """
     lengths = [len(walk.actions) for walk in walks]
     walk_of = np.repeat(np.arange(len(walks)), lengths)
-    turned = [effects[walk.actions, 2].double() for walk in walks]
-    headings = torch.cat([turn.cumsum(0) - turn for turn in turned])
+    by_actions = torch.cat([reckoned(effects[walk.actions]) for walk in walks])
+    headings = by_actions[:, 2]
     embeddings = torch.cat([walk.embeddings for walk in walks]).float()
     closures = _closures(embeddings, walk_of, lengths, compare, prepare, rules)
-    headings = headings + find_directions(headings, walk_of, closures)[walk_of]
+    directions = find_directions(headings, walk_of, closures)[walk_of]
+    if directions.isfinite().double().mean() < rules.least_known:
+        places = by_actions[:, :2].numpy()
+        closures = confirm_closures(
+            closures, walk_of, headings.numpy(), places, rules.confirm
+        )
+        directions = find_directions(headings, walk_of, closures)[walk_of]
+    headings = headings + directions
     closures = drop_turned(closures, headings, rules.tolerance)
     steps = Steps(
         # A step joins each view but the last of a walk with the next one.
