@@ -2,6 +2,7 @@
 
 import numpy as np
 from hypothesis import given, strategies as st
+from scipy.sparse.csgraph import connected_components
 
 from toponav.graph.poses import (
     MoveRules,
@@ -81,3 +82,21 @@ def test_there_and_back_count_together() -> None:
     often, rules = {(0, 1): 5, (1, 2): 5}, MoveRules(detour=0.1, beyond=0.1)
     assert (2, 0) in trusted_moves(often | {(0, 2): 1, (2, 0): 1}, positions, rules)
     assert (2, 0) not in trusted_moves(often | {(2, 0): 1}, positions, rules)
+
+
+@given(st.lists(st.tuples(st.integers(0, 11), st.integers(0, 11)), max_size=20))
+def test_rare_moves_join_parts_as_a_tree_does(pairs) -> None:
+    # Places so far from each other that no way between two is short: of moves made
+    # once, those stay that join two parts, whatever order they are read in.
+    moves = {(one, other): 1 for one, other in pairs if one < other}
+    positions = np.array([[100.0 * 1.1**at, at % 3] for at in range(12)])
+    graph = np.zeros((12, 12))
+    for pair in moves:
+        graph[pair] = 1
+    parts, _ = connected_components(graph, directed=False)
+    kept = trusted_moves(moves, positions, MoveRules(detour=0, beyond=0))
+    assert len(kept) == 12 - parts
+    left = np.zeros((12, 12))
+    for pair in kept:
+        left[pair] = 1
+    assert connected_components(left, directed=False)[0] == parts
