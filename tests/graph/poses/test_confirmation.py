@@ -54,6 +54,17 @@ def test_pairs_beyond_the_window_confirm_nothing() -> None:
     assert len(confirmed(pairs((0, 0), (3, 3)), rules)) == 2
 
 
+def test_a_walk_that_was_held_up_confirms_less_the_longer_the_way() -> None:
+    # The second walk's ways are two thirds as long: over 9 steps it is 3 short, where
+    # 2 + 0.3 x 9 = 4.7 are allowed, and at a third as long 6.
+    walk_of, headings, positions = two_walks()
+    rules = ConfirmRules(times=1, passes=1)
+    for share, confirms in ((2 / 3, 2), (1 / 3, 0)):
+        held = np.concatenate([positions[:LENGTH], share * positions[LENGTH:]])
+        found = confirm_closures(pairs((0, 0), (9, 9)), walk_of, headings, held, rules)
+        assert len(found) == confirms
+
+
 def test_pairs_that_disagree_on_the_turn_confirm_nothing() -> None:
     walk_of, headings, positions = two_walks()
     headings[LENGTH + 4 :] = 31.0

@@ -44,14 +44,14 @@ def moved(poses: Tensor, effects: Tensor) -> Tensor:
     return poses + torch.stack(change, -1)
 
 
-def reckoned(effects: Tensor) -> Tensor:
+def poses_by_actions(effects: Tensor) -> Tensor:
     """Poses ``[T, 3]`` of T views by the ``effects`` ``[T, 3]`` of what follows each.
 
     They are seen from the first view, as if nothing had stopped the agent.
 
     Examples:
         >>> ahead, turn = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 90.0]])
-        >>> poses = reckoned(torch.stack([ahead, turn, ahead, ahead]))
+        >>> poses = poses_by_actions(torch.stack([ahead, turn, ahead, ahead]))
         >>> poses.round(decimals=3).abs().tolist()  # -0.0 is 0
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 90.0], [1.0, 1.0, 90.0]]
     """

@@ -17,7 +17,7 @@ from toponav.graph.poses.closures import (
 )
 from toponav.graph.poses.confirmation import ConfirmRules, confirm_closures
 from toponav.graph.poses.directions import find_directions
-from toponav.graph.poses.frames import reckoned
+from toponav.graph.poses.frames import poses_by_actions
 from toponav.graph.poses.least_squares import PositionProblem, redescending
 from toponav.graph.poses.steps import Steps
 from toponav.graph.trajectories import Trajectory
@@ -131,7 +131,7 @@ def estimate_poses(
     """
     lengths = [len(walk.actions) for walk in walks]
     walk_of = np.repeat(np.arange(len(walks)), lengths)
-    by_actions = torch.cat([reckoned(effects[walk.actions]) for walk in walks])
+    by_actions = torch.cat([poses_by_actions(effects[walk.actions]) for walk in walks])
     headings = by_actions[:, 2]
     embeddings = torch.cat([walk.embeddings for walk in walks]).float()
     closures = _closures(embeddings, walk_of, lengths, compare, prepare, rules)
