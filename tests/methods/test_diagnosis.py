@@ -90,10 +90,10 @@ def test_true_edges_join_what_is_a_step_or_a_turn_away(explored):
     assert len(edges) == 128
     assert (edges[:, 0] < edges[:, 1]).all()
     costs = dict(zip(map(tuple, edges.tolist()), cost.tolist(), strict=True))
-    # 128 units at 33.1 a decision; 90 degrees at 20; the sum of both.
-    assert costs[0, 4] == pytest.approx(3.867, abs=1e-3)
-    assert costs[0, 1] == pytest.approx(4.5)
-    assert costs[0, 5] == pytest.approx(8.367, abs=1e-3)
+    # 128 units at 33.1 a decision; 90 degrees at 20.01709; the sum of both.
+    assert costs[0, 4] == pytest.approx(3.8671, abs=1e-4)
+    assert costs[0, 1] == pytest.approx(4.4962, abs=1e-4)
+    assert costs[0, 5] == pytest.approx(8.3633, abs=1e-4)
     assert (0, 2) not in costs  # it looks the other way
     assert (4, 16) not in costs  # two cells away, through the wall
 
@@ -107,7 +107,7 @@ def test_a_waypoint_beside_another_one_is_joined_with_it_alone(explored):
     few = type(truth)(poses, truth.layout, truth.distances)
     edges, cost = true_edges(few, world=knowledge.world)
     assert edges.tolist() == [[0, 1], [0, 2]]
-    assert cost[1].item() == pytest.approx(3 / 33.1 + 10 / 20)
+    assert cost[1].item() == pytest.approx(3 / 33.1 + 10 / 20.01709)
 
 
 def privileged(policy) -> set[str]:
