@@ -77,8 +77,6 @@ def _confirmations(
     rules: ConfirmRules,
 ) -> Numbers:
     """How many others confirm each of the closures between two walks."""
-    if len(one) < 2:
-        return np.zeros(len(one), np.int64)
     # Within the window on both walks at once.
     pairs = KDTree(np.stack([one, other], 1)).query_pairs(
         rules.window, p=np.inf, output_type="ndarray"

@@ -56,11 +56,9 @@ def poses_by_actions(effects: Tensor) -> Tensor:
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 90.0], [1.0, 1.0, 90.0]]
     """
     effects = effects.double()
-    heading = effects[:, 2].cumsum(0) - effects[:, 2]
-    steps = torch.zeros_like(effects)
-    seen = torch.cat([steps[:, :2], heading.unsqueeze(1)], 1)
-    steps[:, :2] = moved(seen, effects)[:, :2]
-    steps[:, 2] = effects[:, 2]
+    turned = torch.zeros_like(effects)
+    turned[:, 2] = effects[:, 2].cumsum(0) - effects[:, 2]
+    steps = moved(turned, effects) - turned
     return steps.cumsum(0) - steps
 
 
