@@ -32,7 +32,7 @@ from toponav.builders import (
     make_map,
 )
 from toponav.config import ExploreConfig, MapConfig
-from toponav.graph import MoveRules, PoseRules, consolidate
+from toponav.graph import MoveRules, PoseRules, SupportRules, consolidate
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.keys import ACTION, EMBEDDING, ENV_ID, HEADING, POSITION
 from toponav.methods import LEARNERS, make_reward, make_world
@@ -72,7 +72,14 @@ MOVES: dict[str, MoveRules] = {
     "poses, moves three times": MoveRules(often=3),
     "poses, longer ways": MoveRules(detour=2.5, beyond=6.0),
 }
-LEVERS |= dict.fromkeys(MOVES, LEVERS["poses"])
+#: Which waypoints such a map takes: as they come, or those with most support first.
+SUPPORT: dict[str, SupportRules] = {
+    "poses, nobody asked": SupportRules(most=0, least=0.0),
+    "poses, none doubted": SupportRules(least=0.0),
+    "poses, below 0.2 doubted": SupportRules(least=0.2),
+    "poses, below 0.6 doubted": SupportRules(least=0.6),
+}
+LEVERS |= dict.fromkeys([*MOVES, *SUPPORT], LEVERS["poses"])
 ENVS, ROLLOUT = 8, 120
 MEASURED: tuple[str, ...] = (
     *("waypoints", "edges", "coverage", "false_edges", "missing_edges", "false_paths"),
@@ -167,6 +174,7 @@ def grow(
     world: World,
     networks: Networks,
     move_rules: MoveRules | None = None,
+    support_rules: SupportRules | None = None,
 ) -> list[float]:
     """The numbers of one row, from ``views`` on."""
     effects = action_effects(world.spec) if config.poses else None
@@ -195,6 +203,7 @@ def grow(
             within=config.poses_within,
             above=config.poses_above,
             move_rules=move_rules,
+            support_rules=support_rules,
         ).kept
         spent += time.process_time() - start
         poses.keep(kept)
@@ -241,7 +250,8 @@ def main() -> None:
         # A map by poses is one of the levers here.
         config = replace(settings.map, **{"poses": False, **LEVERS[lever]})
         played = walks[: options.episodes]
-        numbers = grow(config, played, world, networks, MOVES.get(lever))
+        rules = MOVES.get(lever), SUPPORT.get(lever)
+        numbers = grow(config, played, world, networks, *rules)
         rows.append([lever, *(round(float(value), 4) for value in numbers)])
         print(dict(zip(COLUMNS, rows[-1], strict=True)), flush=True)
     if options.out:

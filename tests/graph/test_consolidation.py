@@ -6,6 +6,7 @@ from tensordict import TensorDict
 from tests.graph.poses.ring_world import EFFECTS, compare, walk
 from toponav.graph import MapRules, PoseRules, TopologicalMap, Trajectories, consolidate
 from toponav.graph.pieces import Piece
+from toponav.graph.poses import Poses, SupportRules, decisions_apart
 
 RULES = PoseRules(above=0.8, every=2, rounds=4, updates=150)
 LIMITS = {"within": 3.0, "above": 0.1}
@@ -96,3 +97,31 @@ def test_walks_go_on_after_a_resume() -> None:
     assert torch.equal(joined.actions, one.actions.repeat(2))
     again.extend([piece])
     assert [each.number for each in again.all()] == [0, 400]
+
+
+def test_waypoints_of_a_stretch_in_the_wrong_place_stay_where_none_other_is(
+    monkeypatch,
+) -> None:
+    # Three walks around the same corridor; 60 views of the last one lie opposite in
+    # the square, where others saw something else.
+    poses = torch.cat([walk(env, 300, seed=env)[1] for env in range(3)])
+    poses[700:760, :2] = 16.0 - poses[700:760, :2]
+    found = Poses(poses[:, :2], poses[:, 2], fit=1.0)
+    monkeypatch.setattr("toponav.graph.consolidation.estimate_poses", lambda *_: found)
+
+    def beside_others(rules):
+        """Of the waypoints in the wrong place, how many have others nearby."""
+        topological_map, _ = grown()
+        before = topological_map.waypoints.origins.clone()
+        kept = consolidate(
+            topological_map, EFFECTS, RULES, **LIMITS, support_rules=rules
+        ).kept
+        env, at = before[kept].unbind(1)
+        is_wrong = (env == 2) & (at >= 100) & (at < 160)
+        of = poses[env * 300 + at].double().numpy()
+        apart = decisions_apart(of[is_wrong, None], of[~is_wrong], 20.0)
+        return int((apart <= LIMITS["within"]).any(1).sum())
+
+    # If nobody is asked, all are doubted, or by a least support of 0 none.
+    assert beside_others(SupportRules(most=0, least=0)) > 0
+    assert beside_others(None) == 0

@@ -37,7 +37,11 @@ from toponav.graph.navigation import (
     walking_costs as walking_costs,
 )
 from toponav.graph.pieces import MapKeys as MapKeys
-from toponav.graph.poses import MoveRules as MoveRules, PoseRules as PoseRules
+from toponav.graph.poses import (
+    MoveRules as MoveRules,
+    PoseRules as PoseRules,
+    SupportRules as SupportRules,
+)
 from toponav.graph.rules import MapRules as MapRules, NavigatorRules as NavigatorRules
 from toponav.graph.sparsify import sparsify as sparsify
 from toponav.graph.topological_map import TopologicalMap as TopologicalMap

@@ -1,6 +1,6 @@
 """`consolidate`: a map of few waypoints, by the poses of its views."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,16 +12,23 @@ from torch import Tensor
 from toponav.graph.poses import (
     MoveRules,
     PoseRules,
+    Poses,
+    SupportRules,
     choose_waypoints,
     count_moves,
+    drop_unjoined,
     estimate_poses,
     fastest_turn,
+    find_support,
     nearest_waypoints,
     trusted_moves,
 )
 from toponav.graph.topological_map import TopologicalMap
 from toponav.graph.trajectories import Trajectory
 from toponav.parts import require_parts
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 
 #: Pairs of a view and a waypoint that are compared in one call.
 _PAIRS = 4096
@@ -52,13 +59,15 @@ def consolidate(
     within: float,
     above: float,
     move_rules: MoveRules | None = None,
+    support_rules: SupportRules | None = None,
 ) -> Consolidation:
     """Make a map again of few of its waypoints, and of the moves between them.
 
-    The poses of all views that the map was fed, its ``walks``, are estimated; those of
-    its waypoints choose which of them stay (`choose_waypoints`), each view belongs to
-    the nearest that it is like, and an edge joins two waypoints if a walk went from one
-    to the other. Where no poses are found, nothing changes.
+    The poses of all views that the map was fed, its ``walks``, are estimated. Those of
+    its waypoints, and how far other walks support them (`find_support`), choose which
+    of them stay (`choose_waypoints`). Each view belongs to the nearest that it is like,
+    and an edge joins two waypoints if a walk went from one to the other. Where no poses
+    are found, nothing changes.
 
     Args:
         topological_map: one with walks; what was in progress is dropped.
@@ -68,6 +77,8 @@ def consolidate(
         within: decisions, in free space, up to which a waypoint stands for a view.
         above: similarity that it must have to it as well.
         move_rules: which moves become edges, `MoveRules`'s own by default.
+        support_rules: which views say that a waypoint is where it seems to be, by
+            default `SupportRules`'s own.
     """
     wanted = "waypoints", "walks", "rebuild"
     require_parts(topological_map, "topological_map", "a TopologicalMap", *wanted)
@@ -80,41 +91,90 @@ def consolidate(
     )
     if poses.known < rules.least_known or poses.fit < _FIT:
         return unchanged
-    of_views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1)
-    views = of_views.double().numpy()
-    places = views[rows := _rows_of_waypoints(topological_map, walks)]
-    places[rows < 0] = np.nan
-    turn = fastest_turn(effects)
-    limits = {"above": above, "turn": turn}
-
-    def alike(one: Tensor, entries: Tensor) -> NDArray[np.float64]:
-        parts = zip(one.split(_PAIRS), entries.split(_PAIRS), strict=True)
-        found = [waypoints.compare(some, to.unsqueeze(1)) for some, to in parts]
-        return torch.cat(found).squeeze(1).double().numpy()
-
-    kept = choose_waypoints(
-        places,
-        lambda one, other: alike(waypoints.embeddings[one], waypoints.prepared[other]),
-        within=within,
-        **limits,
+    views = _Views(topological_map, walks, poses, above, fastest_turn(effects))
+    kept = views.choose_waypoints(
+        within, support_rules or SupportRules(seed=rules.seed)
     )
     if len(kept) < 2:
         return unchanged
-    embeddings = torch.cat([walk.embeddings for walk in walks])
-    chosen = waypoints.prepared[kept]
-    near = nearest_waypoints(
-        views,
-        places[kept],
-        lambda one, other: alike(embeddings[one].float(), chosen[other]),
-        within=within + _MARGIN,
-        **limits,
-    )
-    ends = np.cumsum([len(walk.actions) for walk in walks])[:-1]
-    moves = count_moves(np.split(near, ends))
-    moves = trusted_moves(moves, places[kept, :2], move_rules or MoveRules())
-    chosen_poses = torch.from_numpy(places[kept]).float()
-    topological_map.rebuild(torch.from_numpy(kept), moves, chosen_poses)
-    return Consolidation(torch.from_numpy(kept), embeddings, of_views)
+    moves = views.count_moves(kept, within + _MARGIN)
+    moves = trusted_moves(moves, views.places[kept, :2], move_rules or MoveRules())
+    joined, moves = drop_unjoined(moves, len(kept))
+    numbers = torch.from_numpy(kept[joined])
+    chosen_poses = torch.from_numpy(views.places[numbers]).float()
+    topological_map.rebuild(numbers, moves, chosen_poses)
+    of_views = torch.from_numpy(views.poses).float()
+    return Consolidation(numbers, views.embeddings, of_views)
+
+
+class _Views:
+    """All V views of a map's walks, and the candidates for its waypoints among them."""
+
+    def __init__(
+        self,
+        topological_map: TopologicalMap,
+        walks: Sequence[Trajectory],
+        poses: Poses,
+        above: float,
+        turn: float,
+    ) -> None:
+        self.waypoints = topological_map.waypoints
+        self.embeddings = torch.cat([walk.embeddings for walk in walks])
+        of_views = torch.cat([poses.position, poses.heading.unsqueeze(1)], 1)
+        self.poses = of_views.double().numpy()
+        lengths = [len(walk.actions) for walk in walks]
+        self.walk_of = np.repeat(np.arange(len(walks)), lengths)
+        self.ends = np.cumsum(lengths)[:-1]
+        #: View and pose of each candidate; -1 and NaN where they are not known.
+        self.rows = _rows_of_waypoints(topological_map, walks)
+        self.places = self.poses[self.rows]
+        self.places[self.rows < 0] = np.nan
+        self.above, self.turn = above, turn
+
+    def choose_waypoints(self, within: float, rules: SupportRules) -> Numbers:
+        """Numbers of the candidates that stand for all."""
+        walks, candidates = self.walk_of, self.waypoints.embeddings
+        support = find_support(
+            self.places,
+            walks[self.rows],
+            self.poses,
+            walks,
+            lambda one, other: self._alike(self.embeddings, one, other),
+            turn=self.turn,
+            rules=rules,
+        )
+        return choose_waypoints(
+            self.places,
+            lambda one, other: self._alike(candidates, one, other),
+            within=within,
+            above=self.above,
+            turn=self.turn,
+            support=support,
+            least=rules.least,
+        )
+
+    def count_moves(self, kept: Numbers, within: float) -> Counter[tuple[int, int]]:
+        """How often walks went from one of the chosen candidates to another."""
+        near = nearest_waypoints(
+            self.poses,
+            self.places[kept],
+            lambda one, other: self._alike(self.embeddings, one, kept[other]),
+            within=within,
+            above=self.above,
+            turn=self.turn,
+        )
+        return count_moves(np.split(near, self.ends))
+
+    def _alike(self, embeddings: Tensor, rows: Numbers, candidates: Numbers) -> Floats:
+        """Similarities of some of the ``embeddings`` to candidates, pair by pair."""
+        found = [np.empty(0)]
+        for start in range(0, len(rows), _PAIRS):
+            some = slice(start, start + _PAIRS)
+            entries = self.waypoints.prepared[candidates[some]].unsqueeze(1)
+            one = embeddings[rows[some]].float()
+            similar = self.waypoints.compare(one, entries)
+            found.append(similar.squeeze(1).double().numpy())
+        return np.concatenate(found)
 
 
 def _known(topological_map: TopologicalMap) -> list[Trajectory]:

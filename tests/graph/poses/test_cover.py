@@ -8,6 +8,7 @@ from toponav.graph.poses import (
     MoveRules,
     choose_waypoints,
     decisions_apart,
+    drop_unjoined,
     nearest_waypoints,
     trusted_moves,
 )
@@ -100,3 +101,11 @@ def test_rare_moves_join_parts_as_a_tree_does(pairs) -> None:
     for pair in kept:
         left[pair] = 1
     assert connected_components(left, directed=False)[0] == parts
+
+
+@given(st.dictionaries(st.tuples(st.integers(0, 9), st.integers(0, 9)), st.just(2)))
+def test_waypoints_that_no_move_joins_go_and_the_moves_stay(moves) -> None:
+    joined, found = drop_unjoined(moves, 10)
+    assert {(joined[one], joined[other]): 2 for one, other in found} == moves
+    ends = {end for pair in moves for end in pair}
+    assert set(joined.tolist()) == (ends or set(range(10)))

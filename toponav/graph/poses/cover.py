@@ -25,14 +25,22 @@ _LEAST = 1e-6
 
 
 def choose_waypoints(
-    poses: Floats, alike: Alike, *, within: float, above: float, turn: float
+    poses: Floats,
+    alike: Alike,
+    *,
+    within: float,
+    above: float,
+    turn: float,
+    support: Floats | None = None,
+    least: float = 0.0,
 ) -> Numbers:
     """Those of W candidates that stand for all, in order.
 
     A candidate is chosen if none before it is both at most ``within`` decisions away
     and more similar to it than ``above``: eq. 9 with the distance of poses beside that
     of the TC-network, which sees the wall between two places that lie close. One whose
-    pose is not known, NaN, is not chosen.
+    pose is not known, NaN, is not chosen. Those that others support most come first
+    (`find_support`), and a doubted one is chosen only where none at all is near.
 
     Args:
         poses: of the candidates, ``[W, 3]``.
@@ -40,25 +48,36 @@ def choose_waypoints(
         within: decisions, in free space.
         above: similarity, in [0, 1].
         turn: degrees that the fastest action turns.
+        support: of each candidate, ``[W]``; ``None`` takes them as they come.
+        least: support below which a candidate is doubted.
 
     Examples:
         >>> poses = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, 60], [np.nan, 0, 0]])
         >>> same = lambda one, other: np.ones(len(one))
-        >>> choose_waypoints(poses, same, within=4.0, above=0.6, turn=20.0).tolist()
+        >>> limits = {"within": 4.0, "above": 0.6, "turn": 20.0}
+        >>> choose_waypoints(poses, same, **limits).tolist()
         [0, 2]
+        >>> choose_waypoints(  # the second stands for both others
+        ...     poses, same, **limits, support=np.array([0.5, 0.9, 0.5, 0.9])
+        ... ).tolist()
+        [1]
     """
+    if support is None:
+        support = np.full(len(poses), np.inf)
     is_open = np.atleast_1d(np.isfinite(poses).all(axis=1))
-    chosen = []
-    for number in range(len(poses)):
+    is_chosen = np.zeros(len(poses), bool)
+    for number in np.argsort(-support, kind="stable").tolist():
         if not is_open[number]:
             continue
-        chosen.append(number)
-        near = np.flatnonzero(is_open)
-        near = near[decisions_apart(poses[number], poses[near], turn) <= within]
+        apart = decisions_apart(poses[number], poses, turn)
+        if support[number] < least and (is_chosen & (apart <= within)).any():
+            continue
+        is_chosen[number] = True
+        near = np.flatnonzero(is_open & (apart <= within))
         stands_for = alike(near, np.full(len(near), number)) > above
         is_open[near[stands_for]] = False
         is_open[number] = False
-    return np.array(chosen, np.int64)
+    return np.flatnonzero(is_chosen)
 
 
 def nearest_waypoints(
@@ -169,6 +188,24 @@ def trusted_moves(
             if (min(one, other), max(one, other)) in trusted
         }
     )
+
+
+def drop_unjoined(
+    moves: Mapping[tuple[int, int], int], num: int
+) -> tuple[Numbers, Counter[tuple[int, int]]]:
+    """Which of ``num`` waypoints a move joins to another, and the moves among these.
+
+    Nobody could walk to the others. If there are no moves, all stay.
+
+    Examples:
+        >>> drop_unjoined({(0, 3): 2, (3, 2): 1}, 4)
+        (array([0, 2, 3]), Counter({(0, 2): 2, (2, 1): 1}))
+    """
+    ends = np.array([*moves], np.int64).reshape(-1, 2)
+    joined = np.unique(ends) if len(ends) else np.arange(num)
+    pairs = np.searchsorted(joined, ends).tolist()
+    counts = zip(pairs, moves.values(), strict=True)
+    return joined, Counter({(one, other): count for (one, other), count in counts})
 
 
 def _path_lengths(
