@@ -1,12 +1,19 @@
 """`consolidate`: a map made again of few waypoints, by the poses of its views."""
 
+from collections import Counter
+
 import torch
 from tensordict import TensorDict
 
 from tests.graph.poses.ring_world import EFFECTS, compare, walk
 from toponav.graph import MapRules, PoseRules, TopologicalMap, Trajectories, consolidate
 from toponav.graph.pieces import Piece
-from toponav.graph.poses import Poses, SupportRules, decisions_apart
+from toponav.graph.poses import (
+    Poses,
+    SupportRules,
+    decisions_apart,
+    trusted_moves,
+)
 
 RULES = PoseRules(above=0.8, every=2, rounds=4, updates=150)
 LIMITS = {"within": 3.0, "above": 0.1}
@@ -125,3 +132,22 @@ def test_waypoints_of_a_stretch_in_the_wrong_place_stay_where_none_other_is(
     # If nobody is asked, all are doubted, or by a least support of 0 none.
     assert beside_others(SupportRules(most=0, least=0)) > 0
     assert beside_others(None) == 0
+
+
+def test_a_waypoint_that_no_move_joins_goes(monkeypatch) -> None:
+    def without_the_first(moves, *rest):
+        moves = trusted_moves(moves, *rest)
+        return Counter({pair: moves[pair] for pair in moves if 0 not in pair})
+
+    one, _ = grown()
+    whole = consolidate(one, EFFECTS, RULES, **LIMITS)
+    monkeypatch.setattr("toponav.graph.consolidation.trusted_moves", without_the_first)
+    other, _ = grown()
+    found = consolidate(other, EFFECTS, RULES, **LIMITS)
+    assert torch.equal(found.kept, whole.kept[1:])
+    # The others keep their poses and edges, under numbers one lower.
+    assert torch.equal(other.waypoints.poses, one.waypoints.poses[1:])
+    kept = (one.edges > 0).all(1)
+    assert {*map(tuple, other.edges.tolist())} == {
+        *map(tuple, (one.edges[kept] - 1).tolist())
+    }
