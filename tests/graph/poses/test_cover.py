@@ -78,6 +78,19 @@ def test_a_move_through_a_wall_that_was_made_once_goes() -> None:
     assert kept[9, 19] == 1
 
 
+def test_a_long_move_that_was_made_once_and_skips_places_goes() -> None:
+    # Waypoints a step apart in a corridor, of which nothing joins the last two to the
+    # others. 8 steps are allowed.
+    positions = np.array([[x, 0.0] for x in range(20)])
+    moves = {(at, at + 1): 2 for at in range(19) if at != 17}
+    kept = trusted_moves(moves | {(0, 8): 1, (0, 9): 1}, positions, MoveRules())
+    assert (0, 8) in kept
+    assert (0, 9) not in kept
+    kept = trusted_moves(moves | {(0, 9): 2, (9, 18): 1}, positions, MoveRules())
+    assert kept[0, 9] == 2
+    assert kept[9, 18] == 1
+
+
 def test_there_and_back_count_together() -> None:
     positions = np.array([[0.0, 0.0], [0.0, 1.0], [9.0, 0.0]])
     often, rules = {(0, 1): 5, (1, 2): 5}, MoveRules(detour=0.1, beyond=0.1)

@@ -136,6 +136,7 @@ class MoveRules:
     often: int = 2  # times, both ways together, from which a move is trusted
     detour: float = 1.5  # most steps by other moves for each step between the ends
     beyond: float = 3.0  # steps that these may be more
+    longest: float = 8.0  # steps of a move that is less often made and not needed
 
 
 def trusted_moves(
@@ -146,7 +147,8 @@ def trusted_moves(
     A view that was taken for another place makes a move through a wall, mostly once.
     Moves that were made fewer than ``often`` times, there and back, stay where other
     moves lead from one end to the other by at most ``detour`` times the steps between
-    them and ``beyond``; or where nothing else does, the most frequent first.
+    them and ``beyond``, if they are not longer than ``longest``: those skip a place; or
+    where nothing else does, the most frequent first.
 
     Args:
         moves: from waypoint to waypoint, how often.
@@ -176,7 +178,8 @@ def trusted_moves(
     bridges = []
     for pair in rest:
         if apart[pair] <= rules.detour * steps[pair] + rules.beyond:
-            trusted.add(pair)
+            if steps[pair] <= rules.longest:
+                trusted.add(pair)
         elif not np.isfinite(apart[pair]):
             bridges.append(pair)
     # What is added may join the ends of others.
