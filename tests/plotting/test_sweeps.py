@@ -102,3 +102,21 @@ def test_panels_share_their_scale() -> None:
     low, high = {"TC": [("1", [20.0])]}, {"TC": [("1", [90.0])]}
     one, two = swept({"a": low, "b": high}, x="k").axes
     assert one.get_ylim() == two.get_ylim()
+
+
+@pytest.mark.parametrize("name", ["novelty", "pretrained runs/pretrain/maze2-" * 9])
+def test_a_panel_keeps_its_width_beside_long_names(name: str) -> None:
+    runs = group(([0.0, 100.0], [10.0, 30.0]))
+    figure = draw_learning_curves(
+        {"": {f"{name} 1": runs, f"{name} 2": runs}}, {}, label="coverage (%)"
+    )
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    assert axes.get_position().width > 0.6
+    legend = axes.get_legend()
+    assert legend is not None
+    # All names are there, and inside of the figure.
+    said = ["".join(text.get_text().split()) for text in legend.get_texts()]
+    want = [f"{name}{number}(1 run)".replace(" ", "") for number in (1, 2)]
+    assert said == want
+    assert legend.get_window_extent().x1 <= figure.bbox.x1

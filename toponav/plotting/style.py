@@ -1,5 +1,6 @@
 """The style of all figures, and saving them."""
 
+import textwrap
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -26,6 +27,9 @@ TITLE, HEADING, TEXT, SMALL = 11.0, 10.0, 8.5, 7.5
 LINE, THIN = 1.8, 1.2
 LEGEND: dict[str, Any] = {"fontsize": SMALL, "title_fontsize": SMALL}
 LEGEND |= {"alignment": "left", "frameon": False}
+#: Characters of a legend below a panel to an inch of the panel, which a wider legend
+#: would push aside.
+_TO_AN_INCH = 16.5
 _DRAWING = Lock()
 
 
@@ -55,8 +59,8 @@ def finish(
     """Finish a panel: its title, labels ``x`` and ``y``, a light grid, no box.
 
     What it shows is named where ``legend`` says, under ``note``; not with ``None``, and
-    with ``"below"`` in two columns below it, where it hides nothing. ``empty`` says why
-    a panel shows nothing.
+    with ``"below"`` in two columns below it, where it hides nothing (in one, and in
+    several rows each, if names are long). ``empty`` says why a panel shows nothing.
     """
     if title:
         add_heading(axes, title)
@@ -66,11 +70,16 @@ def finish(
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
-    if legend and axes.get_legend_handles_labels()[0]:
+    handles, names = axes.get_legend_handles_labels()
+    if legend and handles:
         place: dict[str, Any] = {"loc": legend}
         if legend == "below":
-            place = {"loc": "upper left", "bbox_to_anchor": (0, -0.14), "ncols": 2}
-        axes.legend(title=note, **place, **LEGEND)
+            row = int(_TO_AN_INCH * axes.bbox.width / axes.figure.dpi)
+            columns = 2 if max(map(len, names)) <= row // 2 else 1
+            names = [textwrap.fill(name, row // columns) for name in names]
+            place = {"loc": "upper left", "bbox_to_anchor": (0, -0.14)}
+            place["ncols"] = columns
+        axes.legend(handles, names, title=note, **place, **LEGEND)
     elif legend:
         look: dict[str, Any] = {"size": TEXT, "color": GREY, **CENTRED}
         axes.text(0.5, 0.5, empty, transform=axes.transAxes, **look)
