@@ -21,8 +21,8 @@ def support_of(views, walk_of, alike=same, rules=RULES, candidates=HERE):
 
 
 def test_views_of_other_walks_nearby_are_asked() -> None:
-    # Of other walks, a step to the north and half a turn; of its own walk; three steps
-    # away; two steps and half a turn; nowhere.
+    # Of other walks, a step to the north and turned by half a decision; of its own
+    # walk; three steps away; two steps and half a decision; nowhere.
     views = [[0, 1, 0], [0, 0, 10], [0, 0, 0], [3, 0, 0], [2, 0, 10], [np.nan] * 3]
     asked = []
 
@@ -72,9 +72,9 @@ def test_candidates_are_asked_about_one_by_one() -> None:
     assert len(support_of([[0, 1, 0]], [1], candidates=np.zeros((0, 3)))) == 0
 
 
-@given(st.lists(st.floats(0, 1), max_size=12), st.floats(0, 1))
+@given(st.lists(st.floats(0, 1), max_size=12))
 def test_one_more_view_that_agrees_supports_and_one_that_does_not_doubts(
-    similar: list[float], least: float
+    similar: list[float],
 ) -> None:
     def of(numbers):
         views = np.zeros((len(numbers), 3))

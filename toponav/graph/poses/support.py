@@ -11,7 +11,7 @@ from toponav.graph.poses.frames import decisions_apart
 
 @dataclass(frozen=True, kw_only=True)
 class SupportRules:
-    """Which views are asked, and what they count, as in ``results/support.csv``."""
+    """Which views are asked and what they count; see *Support* in results/README.md."""
 
     within: float = 2.0  # decisions, in free space, up to which a view is asked
     most: int = 24  # of these, drawn by chance
@@ -50,7 +50,7 @@ def find_support(
         >>> views = np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 20], [9, 0, 0]])
         >>> walk_of = np.array([0, 1, 2, 3])
         >>> same = lambda one, other: np.ones(len(one))
-        >>> find_support(  # two of two views, then one of one: 2 / (2 + 2), 0
+        >>> find_support(  # two views agree, 2 / (2 + 2); nobody was near
         ...     views[[0, 3]], walk_of[[0, 3]], views, walk_of, same, turn=20.0,
         ...     rules=SupportRules(),
         ... )
