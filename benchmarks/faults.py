@@ -82,7 +82,13 @@ RUNS: dict[str, tuple[str, ...]] = {
     ),
 }
 #: What is started many times at once: the explorations wait for one pre-training.
-EXPLORE_ANEW = ("explore", *SMALL, *EXPLORE, "maze=maze1", "pretraining.scale=smoke")
+EXPLORE_FROM_NOTHING = (
+    "explore",
+    *SMALL,
+    *EXPLORE,
+    "maze=maze1",
+    "pretraining.scale=smoke",
+)
 TOUR = ("tour", "scale=smoke")
 TARGETS = (
     *("main SIGKILL", "group SIGKILL", "worker SIGKILL", "engine SIGKILL"),
@@ -428,7 +434,7 @@ def broken_files(folder: Path, *, cut: bool = False) -> list[str]:
 
 def run_together(work: Path) -> dict[str, Any]:
     """Six explorations and 24 tours, all at once."""
-    return start_together(work / "together", [EXPLORE_ANEW] * 6 + [TOUR] * 24)
+    return start_together(work / "together", [EXPLORE_FROM_NOTHING] * 6 + [TOUR] * 24)
 
 
 def start_together(folder: Path, commands: Sequence[Sequence[str]]) -> dict[str, Any]:

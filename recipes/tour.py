@@ -1,4 +1,4 @@
-"""Show a maze: its plan, what an agent sees in it, and a path from goal to goal.
+"""Show a maze: its plan, what an agent sees in it, and walks to a goal.
 
     python recipes/tour.py maze=maze3
 
@@ -57,7 +57,7 @@ def main(settings: TourConfig, folder: Path) -> None:
             apples=[layout.cell_of(*place, motion.cell_size) for place in scene.apples],
         )
 
-        # The oracle walks to the goal, from there to the next, and so on.
+        # The oracle walks to the goal, from a new start each time.
         oracle = PathFollower(
             mask, world=env.world, slot_cells=list(layout.slots.values())
         )

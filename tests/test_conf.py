@@ -2,9 +2,11 @@
 
 import dataclasses
 import importlib
+import math
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path
 
@@ -30,6 +32,14 @@ FILES = sorted(CONF.rglob("*.yaml"))
 SCALES = ["smoke", "laptop", "paper"]
 LOSSES = ["ppo", "a3c", "trpo"]
 HYDRAS_OWN = {"defaults", "hydra"}
+#: How many keys in a row a comment explains at most, if it has an "and".
+MOST_KEYS = 3
+#: How the head of a file says where its keys are explained.
+ELSEWHERE = re.compile(r"What the keys mean: (\S+\.yaml)|(\S+\.yaml) explains each key")
+#: The words of a setting: ("maze", "goal") is maze.goal.
+Name = tuple[str, ...]
+#: A setting, and whether a comment explains it.
+Found = tuple[Name, bool]
 #: What an option cannot do without.
 NEEDED = {("world", "gym"): ["world.id=CartPole-v1"]}
 
@@ -127,19 +137,108 @@ def test_each_option_of_each_group_is_valid(group: str, option: str) -> None:
         settings(recipe, f"{group}={option}", *maze, *needed)
 
 
+def package_of(path: Path, text: str) -> Name:
+    """Where the settings of a file are put: those of conf/loss into `loss`."""
+    said = re.search(r"# @package (\S+)", text)
+    if said is None:
+        return path.parent.relative_to(CONF).parts
+    return () if said[1] == "_global_" else tuple(said[1].split("."))
+
+
+def head_of(lines: list[str]) -> list[str]:
+    """The comments before all else, which say what a file is for."""
+    return list(takewhile(lambda line: line.startswith("#"), lines))
+
+
+def have_comments(text: str, package: Name = ()) -> dict[Name, bool]:
+    """Whether a comment of a file explains it, of each key that has a value.
+
+    A comment stands above one key, above several in a row, which it joins by an "and",
+    or above a mapping, whose keys then need none of their own.
+    """
+    lines = text.splitlines()
+    head = len(head_of(lines))
+
+    def walk(mapping: yaml.MappingNode, name: Name, left: float) -> Iterator[Found]:
+        # ``left``: how many more keys the comment above them may explain.
+        for key, value in mapping.value:
+            above = [line.strip() for line in lines[head : key.start_mark.line]]
+            comment = [*takewhile(lambda line: line.startswith("#"), reversed(above))]
+            if comment:
+                left = MOST_KEYS if re.search(r"\band\b", " ".join(comment)) else 1
+            elif not above or not above[-1]:
+                left = 0
+            inner = (*name, key.value)
+            if not name and key.value in HYDRAS_OWN:
+                left = 0
+            elif isinstance(value, yaml.MappingNode) and not value.flow_style:
+                yield from walk(value, inner, math.inf if comment else 0)
+                left = 0
+            else:
+                yield inner, left > 0
+                left -= 1
+
+    found = dict(walk(yaml.compose(text), (), 0))
+    return {(*package, *name): said for name, said in found.items()}
+
+
+def explained_elsewhere(path: Path) -> set[Name]:
+    """What the file explains that a file's head names for that, if it names one."""
+    head = head_of(path.read_text().splitlines())
+    said = ELSEWHERE.search(" ".join(line.strip("# ") for line in head))
+    if said is None:
+        return set()
+    name = said[1] or said[2]
+    other = CONF.parent / name if "/" in name else path.parent / name
+    text = other.read_text()
+    found = have_comments(text, package_of(other, text))
+    return {name for name, explained in found.items() if explained}
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(CONF)))
 def test_each_key_has_a_comment_above_it(path: Path) -> None:
-    lines = path.read_text().splitlines()
-    known = {key for key in yaml.safe_load(path.read_text()) if key not in HYDRAS_OWN}
-    for number, line in enumerate(lines):
-        key = line.split(":")[0]
-        # Keys of one paragraph share its comment; a mapping explains its own keys.
-        if key not in known or line.endswith(":"):
-            continue
-        above = number - 1
-        while lines[above].split(":")[0] in known:
-            above -= 1
-        assert lines[above].startswith("#"), f"{path}: {key} has no comment above it"
+    text = path.read_text()
+    found = have_comments(text, package_of(path, text))
+    missing = {name for name, explained in found.items() if not explained}
+    missing -= explained_elsewhere(path)
+    assert sorted(".".join(name) for name in missing) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "missing"),
+    [
+        # The head says what the file is for, and explains no key.
+        ("# Head.\na: 1\n", ["a"]),
+        ("# Head.\na:\n  b: 1\n", ["b"]),
+        ("# Head.\n\n# A.\na: 1\n", []),
+        ("a:\n  # B.\n  b: 1\n  c:\n    d: 1\n    # E.\n    e: [1]\n", ["d"]),
+        ("a:\n  # B and e.\n  b:\n    - c: 1\n      d: 2\n  e: 1\n", []),
+        # A blank line or a mapping ends what a comment explains.
+        ("a:\n  # B and c.\n  b: 1\n  c: 2\n\n  d: 3\n", ["d"]),
+        ("a:\n  # B.\n  b: 1\n  c:\n    # D.\n    d: 1\n  e: 2\n", ["e"]),
+        # Several are joined by an "and", three at most.
+        ("a:\n  # B,\n  # and c.\n  b: 1\n  c: 2\n", []),
+        ("a:\n  # B.\n  b: 1\n  c: 2\n", ["c"]),
+        ("a:\n  # B, c and d.\n  b: 1\n  c: 2\n  d: 3\n  e: 4\n", ["e"]),
+        # One comment may explain all keys of a mapping.
+        ("b: 0\n# Seconds.\na:\n  b: 1\n  c: 2\n  d: 3\n  e: 4\n", ["b"]),
+        ("# Head.\ndefaults:\n  - a\nhydra:\n  b: 1\n", []),
+    ],
+)
+def test_a_key_without_a_comment_is_seen(text: str, missing: list[str]) -> None:
+    found = have_comments(text)
+    assert [name[-1] for name, explained in found.items() if not explained] == missing
+
+
+def test_a_file_names_the_one_that_explains_its_keys() -> None:
+    smoke = explained_elsewhere(CONF / "explore/smoke.yaml")
+    assert ("map", "tc_reach") in smoke
+    assert ("maze", "episode_length") not in smoke
+    # By its path, from a group that is put into another.
+    assert ("loss", "replay") in explained_elsewhere(CONF / "scale/loss/paper_dqn.yaml")
+    rewards = CONF / "scale/reward"
+    assert ("reward", "eta") in explained_elsewhere(rewards / "paper_icm.yaml")
+    assert explained_elsewhere(CONF / "explore/laptop.yaml") == set()
 
 
 def test_a_maze_file_gives_all_values_of_the_schema() -> None:

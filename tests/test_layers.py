@@ -143,7 +143,7 @@ def test_the_scripts_and_nested_rooms_are_looked_at() -> None:
         ("toponav.envs.scene", "from toponav import keys"),
         ("toponav.data.held_out", "import toponav.data.episodes"),
         ("toponav.config.explore", "from toponav.config.groups import MazeConfig"),
-        ("toponav.builders", "from toponav.envs import DoomMazeEnv"),
+        ("toponav.builders", "from toponav.envs import MazeEnv"),
         ("toponav.launch", "from toponav import config"),
         ("toponav.graph", "from toponav.graph.navigation import Navigator"),
         ("recipes.navigate", "from toponav.methods.navigators import CHOSEN"),

@@ -30,12 +30,18 @@ def retired() -> list[str]:
 
 
 def inflected(word: str) -> str:
-    """A pattern for the forms of a word, or of the first of several."""
-    first, space, rest = word.partition(" ")
-    stem = re.escape(first.removesuffix("e"))
+    """A pattern for the forms of a word, or of the first of several.
+
+    A word is also found in a name, between underscores, and in any case; one with
+    capitals is the name of a class, and found as it is written.
+    """
+    first, *others = map(re.escape, word.split(" "))
+    stem = first.removesuffix("e")
     end = "e" if first.endswith("e") else ""
-    rest = space + re.escape(rest)
-    return rf"(?<!\w){stem}({end}|(e?[sdnt]|ing){'?' * (not end)}){rest}(?!\w)"
+    rest = "".join(f"[ _]{other}" for other in others)
+    case = "(?i)" if word.islower() else ""
+    form = rf"{stem}({end}|(e?[sdnt]|ing){'?' * (not end)}){rest}"
+    return rf"{case}(?<![^\W_]){form}(?![^\W_])"
 
 
 def names_in(path: Path, text: str) -> set[str]:
@@ -107,6 +113,25 @@ def test_a_rename_may_name_the_retired_word() -> None:
 def test_a_retired_word_is_seen() -> None:
     assert found_in("a view is born", ["born", "gist"]) == ["born"]
     assert found_in("stubborn", ["born"]) == []
+
+
+@pytest.mark.parametrize(
+    "text", ["make_anew", "anew_made", "_anew", "EXPLORE_ANEW", "Anew.", "x.anew_ = 1"]
+)
+def test_a_retired_word_is_seen_within_a_name(text: str) -> None:
+    assert found_in(text, ["anew"]) == ["anew"]
+    assert found_in("renewed, canew, anewly_x", ["anew"]) == []
+
+
+def test_several_retired_words_are_seen_within_a_name() -> None:
+    words = ["for ever", "learn on", "give way"]
+    assert found_in("write_for_ever, LEARNED_ON, test_it_gives_way", words) == words
+    assert found_in("write_forever, learned_one, gives_ways", words) == []
+
+
+def test_a_class_is_retired_as_it_is_written() -> None:
+    assert found_in("from x import Walks as y", ["Walks"]) == ["Walks"]
+    assert found_in("an agent walks; UNIFORM_WALKS; picture_walks", ["Walks"]) == []
 
 
 def test_inflections_are_seen() -> None:

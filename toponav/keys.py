@@ -150,8 +150,8 @@ ADVANTAGE: NestedKey = "advantage"
 VALUE_TARGET: NestedKey = "value_target"
 #: int64 [1]; number of the env over all workers. MailboxCollector -> learners, map.
 ENV_ID: NestedKey = "env_id"
-#: int64 [1]; of the weights that made this decision. MailboxCollector -> learners, map.
-POLICY_VERSION: NestedKey = ("version", "policy")
+#: int64 [1]; of the networks that judged this decision. MailboxCollector -> map, log.
+#: It writes ("version", name) of all weights that it fetches.
 NETWORKS_VERSION: NestedKey = ("version", "networks")
 
 # --- navigation (graph/navigation) ------------------------------------------

@@ -163,8 +163,8 @@ def test_engines_of_one_that_was_killed_do_not_keep_the_next_waiting(
 import os, signal
 sys.path.insert(0, {root!r})
 from tests.envs.layouts import LANE
-from toponav.envs import DoomMazeEnv
-env = DoomMazeEnv(LANE, batch_size=1)
+from toponav.envs import MazeEnv
+env = MazeEnv(LANE, batch_size=1)
 os.kill(os.getpid(), signal.SIGKILL)
 """
     killed = killed.format(root=str(Path(__file__).parents[2]))

@@ -15,7 +15,7 @@ from tests.composed import settings
 from tests.envs.layouts import LANE
 from toponav.builders import CollectionError, collect_batches, collect_frames
 from toponav.config import PretrainConfig
-from toponav.envs import DEFAULT_ENGINE, DoomMazeEnv, load_engine
+from toponav.envs import DEFAULT_ENGINE, MazeEnv, load_engine
 from toponav.worlds import WorldSpec
 
 
@@ -27,7 +27,7 @@ def hang() -> None:
     time.sleep(1000)
 
 
-class Misfortune(DoomMazeEnv):
+class Misfortune(MazeEnv):
     """A maze in which something happens in a step."""
 
     def __init__(self, then: Callable[[], None], **kwargs: object) -> None:

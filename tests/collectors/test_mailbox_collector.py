@@ -14,7 +14,7 @@ from tests.collectors.workers import (
     weights,
 )
 from toponav.collectors import Mailbox, MailboxCollector
-from toponav.keys import ENV_ID, NETWORKS_VERSION, POLICY_VERSION
+from toponav.keys import ENV_ID, NETWORKS_VERSION
 
 
 def publish(mailbox: Mailbox, name: str) -> None:
@@ -30,7 +30,7 @@ def make_mailbox() -> Mailbox:
 
 def require_one_version(batch: TensorDictBase) -> tuple[int, int]:
     """The versions of the policy and of the networks that made every decision."""
-    (policy,) = batch[POLICY_VERSION].unique().tolist()
+    (policy,) = batch["version", "policy"].unique().tolist()
     (networks,) = batch[NETWORKS_VERSION].unique().tolist()
     assert batch["policy_says"].unique().tolist() == [policy]
     assert batch["next", "networks_say"][..., :2].unique().tolist() == [networks]
@@ -104,7 +104,7 @@ def test_only_what_is_kept_is_handed_over() -> None:
     kept = {"action", "policy_says", ("next", "networks_say")}
     assert set(batch.keys(True, True)) == kept | {
         ENV_ID,
-        POLICY_VERSION,
+        ("version", "policy"),
         NETWORKS_VERSION,
     }
 

@@ -22,7 +22,7 @@ from toponav.collectors import (
     RayMailbox,
     Subscription,
 )
-from toponav.keys import NETWORKS_VERSION, PIXELS, POLICY_VERSION, TRAJECTORY
+from toponav.keys import NETWORKS_VERSION, PIXELS, TRAJECTORY
 
 #: Weights long enough that a copy takes a while.
 SIZE = 200_000
@@ -113,7 +113,7 @@ def refresh(collector: Collector) -> None:
 
 
 SUBSCRIPTIONS = (
-    Subscription("policy", POLICY_VERSION, find_policy),
+    Subscription("policy", ("version", "policy"), find_policy),
     Subscription("networks", NETWORKS_VERSION, find_networks, refresh),
 )
 

@@ -15,7 +15,7 @@ _PREAMBLE = """
 import json, os, signal, sys, threading, time
 from pathlib import Path
 from tests.envs.layouts import GATE, LANE
-from toponav.envs import DoomMazeEnv
+from toponav.envs import MazeEnv
 from toponav.envs.engines.doom import instances
 
 # A shell that starts the tests in the background lets them ignore Ctrl-C.

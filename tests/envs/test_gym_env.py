@@ -8,7 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import toponav.envs
-from toponav.envs import MAZES, DoomMazeEnv, EngineLostError, MazeGymEnv, load_maze
+from toponav.envs import MAZES, EngineLostError, MazeEnv, MazeGymEnv, load_maze
 
 IDS = [f"toponav/{name.capitalize()}-v0" for name in MAZES]
 
@@ -28,7 +28,7 @@ def test_gymnasiums_checker_passes_without_a_warning(env_id: str) -> None:
 
 def test_its_episodes_are_those_of_row_0_of_the_batched_environment() -> None:
     env = MazeGymEnv("maze1", apples=3, goal=True)
-    batch = DoomMazeEnv(
+    batch = MazeEnv(
         load_maze("maze1"), batch_size=2, apples=3, goal=True, privileged=True, seed=5
     )
     try:

@@ -225,7 +225,7 @@ def test_nothing_joins_two_episodes_nor_both_sides_of_a_respawn() -> None:
         assert topological_map.edges.tolist() == edges
 
 
-def test_views_of_other_networks_are_embedded_anew() -> None:
+def test_views_of_other_networks_are_embedded_again() -> None:
     data = episode(0, 30, views=True, env=0)
     data["embedding"] = data["embedding"] + 0.5  # what other networks made of them
     data[NETWORKS_VERSION] = torch.ones(2, 1, dtype=torch.int64)
@@ -258,7 +258,7 @@ def test_the_keys_of_a_batch_can_be_others() -> None:
         other.set_keys(pixels="views")
 
 
-def test_new_networks_judge_edges_and_what_is_unfinished_anew() -> None:
+def test_new_networks_judge_edges_and_what_is_unfinished_again() -> None:
     scale = {"by": 1.0}
 
     def embed_scaled(views):

@@ -33,7 +33,7 @@ def test_divergence_of_two_gaussians() -> None:
 
 
 def test_a_layer_starts_at_the_priors_deviation() -> None:
-    layer = GaussianLinear(3, 2, 0.5)
+    layer = GaussianLinear(3, 2)
     torch.testing.assert_close(layer.deviation, torch.full((2, 4), 0.5))
     # Of each weight its mean alone: mean^2 / (2 * 0.5^2).
     expected = (layer.mean.square() / 0.5).sum()
@@ -42,7 +42,7 @@ def test_a_layer_starts_at_the_priors_deviation() -> None:
 
 def test_local_reparametrisation_has_the_spread_of_drawn_weights() -> None:
     torch.manual_seed(0)
-    layer = GaussianLinear(2, 1, 0.5).requires_grad_(False)
+    layer = GaussianLinear(2, 1).requires_grad_(False)
     inputs = torch.tensor([[[3.0, 4.0, 1.0]]])
     # 0.5 * sqrt(3^2 + 4^2 + 1)
     assert float(layer.spread(inputs)) == pytest.approx(0.5 * math.sqrt(26))

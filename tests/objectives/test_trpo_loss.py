@@ -302,6 +302,20 @@ def test_its_forward_is_its_parts() -> None:
     torch.testing.assert_close(out["loss_critic"], expected)
 
 
+def test_in_keys_are_all_that_a_critic_of_its_own_reads() -> None:
+    # One that reads beginnings of episodes needs to know of them afterwards, too.
+    loss, raw = make_categorical()
+    critic = TensorDictModule(
+        lambda observation, is_init: observation[..., :1] + is_init,
+        ["observation", "is_init"],
+        ["state_value"],
+    )
+    loss = TRPOLoss(loss.actor_network, critic)
+    for side in (raw, raw["next"]):
+        side["is_init"] = torch.zeros_like(raw["next", "done"])
+    assert (loss(raw.select(*loss.in_keys)) == loss(raw)).all()
+
+
 def test_a_flat_batch_is_refused() -> None:
     loss, raw = make_categorical()
     message = r"must be \[\*B, T\].* got \[120\]: .*reshape\(-1, T"

@@ -123,10 +123,34 @@ def test_new_start_within_the_episode_is_not_joined():
 
 
 def test_tensors_are_drawn_like_arrays():
-    axes = new_axes()
-    places, values = torch.rand(5, 2), torch.arange(5)
-    draw_trajectory(axes, places, values, label="t", jump=256, limits=(0, 4))
-    draw_agent(axes, torch.rand(2), 10.0, colour=AGENT, label="agent")
+    # The second step is a jump, so that not all values are drawn.
+    tensors = {
+        "places": torch.tensor(
+            [[0.0, 0.0], [30.0, 20.0], [900.0, 500.0], [930.0, 530.0]]
+        ),
+        "values": torch.tensor([0, 1, 3, 2]),
+        "agent": torch.tensor([640.0, 320.0]),
+    }
+
+    def drawn(places, values, agent):
+        axes = new_axes()
+        axes.set(xlim=(-50, 1000), ylim=(-50, 600))
+        draw_trajectory(axes, places, values, label="t", jump=256, limits=(0, 4))
+        draw_agent(axes, agent, 10.0, colour=AGENT, label="agent")
+        canvas = FigureCanvasAgg(axes.figure)
+        canvas.draw()
+        return axes, np.asarray(canvas.buffer_rgba())
+
+    axes, image = drawn(**tensors)
+    _, expected = drawn(**{name: values.numpy() for name, values in tensors.items()})
+    np.testing.assert_array_equal(image, expected)
+    _, line, head = axes.collections
+    assert [part.tolist() for part in line.get_segments()] == [
+        [[0, 0], [30, 20]],
+        [[900, 500], [930, 530]],
+    ]
+    assert line.get_array().tolist() == [1, 2]
+    assert head.get_offsets().tolist() == [[640, 320]]
 
 
 def test_a_closed_slot_must_be_one():

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnnotationBbox
 
 from tests import episodes
-from tests.graph.maze_map import CELL_SIZE, MazeMap, make_maze_map as make_anew
+from tests.graph.maze_map import CELL_SIZE, MazeMap, make_maze_map as make_again
 from toponav.plotting import FloorPlan, draw_graph, draw_topological_map, save_figure
 
 PLAN = FloorPlan(episodes.MASK, cell_size=128.0)
@@ -23,7 +23,7 @@ SIZES = (100, 1_000, 10_000)
 #: Pixels an inch of ``topology.png``.
 DPI = 110
 #: One map of a size serves all tests.
-make_maze_map = cache(make_anew)
+make_maze_map = cache(make_again)
 
 
 def test_a_map_shows_each_kind_of_edge() -> None:

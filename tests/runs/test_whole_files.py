@@ -31,7 +31,7 @@ from toponav.runs import (
 ROOT = Path(__file__).parents[2]
 
 
-def write_for_ever(folder: Path, name: str) -> None:
+def write_endlessly(folder: Path, name: str) -> None:
     """What a run writes under such a name, again and again."""
     torch.set_num_threads(1)
     path, turn = folder / name, 0
@@ -84,7 +84,7 @@ def kill_writers(folder: Path, turns: int) -> None:
     for name, read in READERS.items():
         for turn in range(turns):
             if not (writer := os.fork()):
-                write_for_ever(folder, name)
+                write_endlessly(folder, name)
             time.sleep(0.05 + 0.037 * turn)
             deadline = time.monotonic() + 30
             while not ((folder / name).exists() or time.monotonic() > deadline):

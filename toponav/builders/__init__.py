@@ -105,7 +105,6 @@ from toponav.builders.ray_cluster import (
     require_cluster as require_cluster,
 )
 from toponav.builders.steering import (
-    CONTROLLER_FILE as CONTROLLER_FILE,
     load_controller as load_controller,
     make_controller as make_controller,
     save_controller as save_controller,

@@ -228,6 +228,9 @@ class RewardMethod(Consumer):
         """What else collecting processes need, by the name it is published under."""
         return {}
 
+    def updated(self) -> Collection[str]:
+        return tuple(self.modules())
+
     def recalibrate(self, thresholds: Mapping[str, float]) -> None:
         """Called when the networks that continue training have new thresholds."""
 

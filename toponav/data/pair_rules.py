@@ -165,6 +165,7 @@ class LPairs:
 
     @property
     def min_distance(self) -> int:
+        """The smallest distance of a pair in decisions: k if ``exact``, else 1."""
         return self.max_action_distance if self.exact else 1
 
     def draw(

@@ -20,7 +20,7 @@ from toponav.envs.layout import (
     LayoutError as LayoutError,
     load_layout_file as load_layout_file,
 )
-from toponav.envs.maze_env import DoomMazeEnv as DoomMazeEnv, MazeEnv as MazeEnv
+from toponav.envs.maze_env import MazeEnv as MazeEnv
 from toponav.envs.mazes import (
     MAZES as MAZES,
     load_maze as load_maze,

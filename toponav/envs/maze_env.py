@@ -192,7 +192,3 @@ class MazeEnv(EnvBase):
     def close(self, *, raise_if_closed: bool = True) -> None:
         self._end()
         super().close(raise_if_closed=raise_if_closed)
-
-
-#: The name from before there was a choice of engines.
-DoomMazeEnv = MazeEnv

@@ -124,6 +124,17 @@ def calibrate_share(
     Bisection over logits, to within 2 % of the target, or the closest threshold tried:
     near 1, where the answer lies, the share is steep in the probability. Longer walks
     come back more often: take complete episodes.
+
+    Examples:
+        >>> from types import SimpleNamespace
+        >>> def compare(one, many):
+        ...     return 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
+        >>> nearness = SimpleNamespace(prepare_memory=lambda memory: memory)
+        >>> nearness.compare_prepared = compare
+        >>> walk = WalkWaypoints(torch.arange(24.0).unsqueeze(1), nearness)
+        >>> found = calibrate_share([walk], target_share=0.25)
+        >>> walk.times(found.threshold), found.achieved  # six of 24 views
+        ([0, 4, 8, 12, 16, 20], 0.25)
     """
     if not walks:
         raise ValueError("walks must hold at least one, got none.")
@@ -166,7 +177,7 @@ def calibrate_reach(
     end, and ``achieved`` then shows the cost. (If tc_th <= 0.5, tc_re = tc_th.)
 
     Reference:
-        The paper, eqs. 10 and 12; A12 of our readings.
+        The paper, eqs. 10 and 12; reading 12 of docs/fidelity.md.
     """
     near = [
         np.diagonal(walk.later, apart)
@@ -191,6 +202,19 @@ def calibrate_map(
 
     tc_th by `calibrate_share`, to `MAP_SHARE`, and tc_re by `calibrate_reach`, for
     views at most k (``max_action_distance``) decisions apart.
+
+    Examples:
+        >>> from types import SimpleNamespace
+        >>> def compare(one, many):
+        ...     return 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
+        >>> nearness = SimpleNamespace(prepare_memory=lambda memory: memory)
+        >>> nearness.compare_prepared = compare
+        >>> walk = WalkWaypoints(torch.arange(40.0).unsqueeze(1), nearness)
+        >>> rules = calibrate_map([walk], max_action_distance=10)
+        >>> walk.times(rules.tc_threshold)  # one view in eight
+        [0, 8, 16, 24, 32]
+        >>> round(rules.tc_reach, 2)  # what views nine decisions apart have: 1 - 9 / 20
+        0.55
     """
     threshold = calibrate_share(walks, target_share=MAP_SHARE).threshold
     reach = calibrate_reach(

@@ -127,30 +127,37 @@ class TopologicalMap:
 
     @property
     def rules(self) -> MapRules:
+        """Its choices, with the thresholds of the last `set_thresholds`."""
         return self.discovery.rules
 
     @property
     def num_waypoints(self) -> int:
+        """Number W of waypoints."""
         return len(self.waypoints)
 
     @property
     def version(self) -> int:
+        """Counts the changes of waypoints and edges; each resets navigators."""
         return self.graph.version
 
     @property
     def embeddings(self) -> Tensor:
+        """Of the waypoints' views, float32 ``[W, D]``."""
         return self.waypoints.embeddings
 
     @property
     def prepared(self) -> Tensor:
+        """What comparisons with the waypoints are made with, float32 ``[W, P]``."""
         return self.waypoints.prepared
 
     @property
     def edges(self) -> Tensor:
+        """Each once, the lower waypoint first, in order; int64 ``[E, 2]``."""
         return self.graph.edges
 
     @property
     def edge_cost(self) -> Tensor:
+        """From the lower waypoint to the other, and back; float32 ``[E, 2]``."""
         return self.graph.edge_cost
 
     def add_episode(self, data: TensorDictBase) -> Tensor:

@@ -99,6 +99,7 @@ class WaypointGraph:
             self._arrays = None
 
     def has_edge(self, one: int, other: int) -> bool:
+        """Whether an edge joins two waypoints, given in either order."""
         return other in self._graph[one]
 
     def link(
@@ -174,6 +175,7 @@ class WaypointGraph:
         self.version = state["version"]
 
     def neighbours(self, waypoint: int) -> list[int]:
+        """Numbers of the waypoints that an edge joins with this one, in order."""
         return sorted(self._graph[waypoint])
 
     def nearby(self, waypoint: int, most: int) -> list[int]:

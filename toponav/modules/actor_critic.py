@@ -222,6 +222,7 @@ class ActorCritic(TensorDictModuleBase):
         return EpisodicLSTM(inputs, self.hidden_dim, layers=self.layers)
 
     def make_tensordict_primer(self) -> StatePrimer:
+        """What starts ``hidden`` and ``memory_cell`` in an env at zero, ``[*B, S]``."""
         state = Unbounded((self.lstm.state_dim,))
         return StatePrimer(
             Composite({keys.HIDDEN: state, keys.MEMORY_CELL: state.clone()}),

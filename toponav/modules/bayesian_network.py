@@ -6,6 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
+#: Deviation of all weights before anything is learned, as in the authors' code.
+_PRIOR_DEVIATION = 0.5
+
 
 def gaussian_divergence(
     mean: Tensor, deviation: Tensor, other_mean: Tensor, other_deviation: Tensor
@@ -28,18 +31,14 @@ class GaussianLinear(nn.Module):
     Args:
         num_inputs: number I of inputs, without the constant of the bias.
         num_outputs: number O of outputs.
-        prior_deviation: of all weights before anything is learned.
     """
 
-    def __init__(
-        self, num_inputs: int, num_outputs: int, prior_deviation: float
-    ) -> None:
+    def __init__(self, num_inputs: int, num_outputs: int) -> None:
         super().__init__()
         shape = (num_outputs, num_inputs + 1)
-        self.prior_deviation = prior_deviation
         self.mean = nn.Parameter(torch.randn(shape) / math.sqrt(num_inputs + 1))
         # The inverse of softplus.
-        start = math.log(math.expm1(prior_deviation))
+        start = math.log(math.expm1(_PRIOR_DEVIATION))
         self.rho = nn.Parameter(torch.full(shape, start))
 
     @property
@@ -62,7 +61,7 @@ class GaussianLinear(nn.Module):
 
     def divergence(self) -> Tensor:
         """KL from the prior in nats."""
-        zero, prior = self.mean.new_tensor([0.0, self.prior_deviation])
+        zero, prior = self.mean.new_tensor([0.0, _PRIOR_DEVIATION])
         return gaussian_divergence(self.mean, self.deviation, zero, prior).sum()
 
 
@@ -81,7 +80,6 @@ class BayesianNetwork(nn.Module):
         num_inputs: number I of inputs.
         num_outputs: number O of outputs.
         hidden: width of the hidden layer.
-        prior_deviation: of all weights before anything is learned.
         noise_deviation: of an outcome around its prediction, in its own units.
         draws: number S of draws of the weights that losses are averaged over.
 
@@ -103,7 +101,6 @@ class BayesianNetwork(nn.Module):
         num_outputs: int,
         *,
         hidden: int = 32,
-        prior_deviation: float = 0.5,
         noise_deviation: float = 5.0,
         draws: int = 10,
     ) -> None:
@@ -112,8 +109,8 @@ class BayesianNetwork(nn.Module):
         self.draws = draws
         self.layers = nn.ModuleList(
             [
-                GaussianLinear(num_inputs, hidden, prior_deviation),
-                GaussianLinear(hidden, num_outputs, prior_deviation),
+                GaussianLinear(num_inputs, hidden),
+                GaussianLinear(hidden, num_outputs),
             ]
         )
 

@@ -140,6 +140,7 @@ class TCNetwork(nn.Module):
         return self.comparator(embedding_anchor, embedding_other)
 
     def embed(self, pixels: Tensor) -> Tensor:
+        """Embeddings of views, as the encoder takes them: ``[*B, D]``."""
         embedding: Tensor = self.encoder(pixels)
         return embedding
 
@@ -191,6 +192,14 @@ class LNetwork(nn.Module):
 
     Reference:
         The paper, "Navigation implementation", eqs. 13 and 14.
+
+    Examples:
+        >>> from toponav.modules import LocomotionHead, SmallEncoder
+        >>> encoder = SmallEncoder(64, image_size=(24, 32))
+        >>> network = LNetwork(encoder, LocomotionHead(64, num_actions=4))
+        >>> views = torch.zeros(3, 24, 32, 3, dtype=torch.uint8)
+        >>> network(views, views).shape  # a logit of each action, for each pair
+        torch.Size([3, 4])
     """
 
     def __init__(self, encoder: nn.Module, head: LocomotionHead) -> None:

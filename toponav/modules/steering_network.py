@@ -4,6 +4,9 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import MLP
 
+#: Width of the two layers between.
+_HIDDEN = 128
+
 
 class SteeringNetwork(nn.Module):
     """Corrects what steering in free space says of each action, by view and senses.
@@ -15,7 +18,6 @@ class SteeringNetwork(nn.Module):
         embedding_size: numbers of a view's embedding, D.
         senses_size: numbers of what a navigator senses beside it, S (`SteeringSenses`).
         num_actions: A.
-        hidden: width of the two layers between.
 
     Shapes:
         float32 ``[*B, D]``, ``[*B, S]`` and the logits of free space ``[*B, A]`` to
@@ -28,20 +30,18 @@ class SteeringNetwork(nn.Module):
         [[-1.0, -2.0]]
     """
 
-    def __init__(
-        self, embedding_size: int, senses_size: int, num_actions: int, hidden: int = 128
-    ) -> None:
+    def __init__(self, embedding_size: int, senses_size: int, num_actions: int) -> None:
         super().__init__()
-        #: By which another is made alike.
+        #: What another must have, too, to take its weights.
         self.sizes = {
             "embedding_size": embedding_size,
             "senses_size": senses_size,
             "num_actions": num_actions,
-            "hidden": hidden,
+            "hidden": _HIDDEN,
         }
         self.norm = nn.LayerNorm(embedding_size)
         given = embedding_size + senses_size
-        self.layers = _layers(given, num_actions, hidden)
+        self.layers = _layers(given, num_actions)
         self.layers[-1].weight.data.zero_()
         self.layers[-1].bias.data.zero_()
 
@@ -62,17 +62,15 @@ class SteeringValue(nn.Module):
         torch.Size([2, 1])
     """
 
-    def __init__(
-        self, embedding_size: int, senses_size: int, hidden: int = 128
-    ) -> None:
+    def __init__(self, embedding_size: int, senses_size: int) -> None:
         super().__init__()
         self.norm = nn.LayerNorm(embedding_size)
-        self.layers = _layers(embedding_size + senses_size, 1, hidden)
+        self.layers = _layers(embedding_size + senses_size, 1)
 
     def forward(self, embedding: Tensor, senses: Tensor) -> Tensor:
         value: Tensor = self.layers(torch.cat([self.norm(embedding), senses], -1))
         return value
 
 
-def _layers(given: int, found: int, hidden: int) -> MLP:
-    return MLP(given, found, num_cells=[hidden, hidden], activation_class=nn.Tanh)
+def _layers(given: int, found: int) -> MLP:
+    return MLP(given, found, num_cells=[_HIDDEN, _HIDDEN], activation_class=nn.Tanh)

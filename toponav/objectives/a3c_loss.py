@@ -1,7 +1,7 @@
 """`A3CLoss`: the advantage actor-critic over slices of experience."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
@@ -27,7 +27,6 @@ from toponav.objectives.actor_critic_loss import (
     require_one_action,
     require_recurrent,
     require_slices,
-    under_next,
 )
 
 Reduction = Literal["unroll", "mean", "sum", "none"]
@@ -112,15 +111,13 @@ class A3CLoss(GAEMixin, LossModule):
             require_critic(critic_network)
 
     @property
+    def actor_critic(self) -> Any:
+        """The network that is actor and critic; ``None`` if there is one for each."""
+        return self.actor_network if self.critic_network is None else None
+
+    @property
     def in_keys(self) -> list[NestedKey]:
-        named, actor = self.tensor_keys, self.actor_network
-        judge = actor if self.critic_network is None else self.critic_network
-        now = dict.fromkeys([*actor.in_keys, *judge.in_keys])
-        # A recurrent network reads it of decisions but not under "next".
-        left_out = [keys.IS_INIT] if judge is actor else []
-        following = [key for key in judge.in_keys if key not in left_out]
-        following += [named.reward, named.done, named.terminated]
-        return [*now, named.action, *(under_next(key) for key in following)]
+        return self._keys_of_slices(self.tensor_keys.action)
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -178,18 +175,6 @@ class A3CLoss(GAEMixin, LossModule):
         log_prob = log_probs.gather(-1, numbers.unsqueeze(-1)).squeeze(-1)
         entropy = -(log_probs.exp() * log_probs).sum(-1)
         return log_prob, entropy, state_value
-
-    def _judge(self, tensordict: TensorDictBase) -> Tensor:
-        network: Any = self.critic_network
-        # Without a value of the collector's, which a critic of another key would leave.
-        judged = network(tensordict.select(*network.in_keys))
-        shape = (*tensordict.shape, 1)
-        return read_entry(judged, self.tensor_keys.value, "value", shape)
-
-    def _next_values(self, tensordict: TensorDictBase) -> Tensor:
-        if self.critic_network is None:
-            return cast(Tensor, self.actor_network.next_values(tensordict))
-        return self._judge(tensordict.get("next"))
 
     def _reduce(self, loss: Tensor, tensordict: TensorDictBase) -> Any:
         if self.reduction == "unroll":

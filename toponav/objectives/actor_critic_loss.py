@@ -13,6 +13,7 @@ from torchrl.modules import MaskedCategorical
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.value import GAE
 
+from toponav.keys import IS_INIT
 from toponav.parts import require_parts
 
 #: The estimators are one recursion: TD(lambda)'s return is GAE's value target.
@@ -114,7 +115,13 @@ def action_log_prob(policy: Distribution, action: Tensor) -> Tensor:
 
 
 class GAEMixin:
-    """Losses whose value estimator, for `bootstrapped_advantage`, is always a GAE."""
+    """Losses whose value estimator, for `bootstrapped_advantage`, is always a GAE.
+
+    A loss has a `RecurrentActorCritic` as ``actor_critic``, or ``None`` there and an
+    ``actor_network`` and a ``critic_network``.
+    """
+
+    actor_critic: Any
 
     def make_value_estimator(self, value_type: Any = None, **hyperparams: Any) -> Self:
         """Choose ``TD0``, ``TD1``, ``TDLambda`` or ``GAE``, and ``gamma``, ``lmbda``.
@@ -148,6 +155,49 @@ class GAEMixin:
             loss._value_estimator = GAE(value_network=None, **hyperparams)
         loss._forward_value_estimator_keys()
         return self
+
+    def _keys_of_slices(self, *own: NestedKey) -> list[NestedKey]:
+        """What is read of a batch: ``own`` keys, and those of networks and returns."""
+        loss: Any = self
+        named = loss.tensor_keys
+        actor = self.actor_critic or loss.actor_network
+        judge = self.actor_critic or loss.critic_network
+        now = dict.fromkeys([*actor.in_keys, *judge.in_keys])
+        # A recurrent network reads it of decisions but not under "next".
+        left_out = [IS_INIT] if judge is actor else []
+        following = [key for key in judge.in_keys if key not in left_out]
+        following += [named.reward, named.done, named.terminated]
+        return [*now, *own, *(under_next(key) for key in following)]
+
+    def _judge(self, states: TensorDictBase) -> Tensor:
+        """Values ``[*B, 1]`` by the critic network."""
+        loss: Any = self
+        critic = loss.critic_network
+        # Without a value of the collector's, which a critic of another key would leave.
+        judged = critic(states.select(*critic.in_keys))
+        shape = (*states.shape, 1)
+        return read_entry(judged, loss.tensor_keys.value, "value", shape)
+
+    def _next_values(self, batch: TensorDictBase) -> Tensor:
+        """Values ``[*B, 1]`` of the states under ``"next"``."""
+        if self.actor_critic is None:
+            return self._judge(batch.get("next"))
+        values: Tensor = self.actor_critic.next_values(batch)
+        return values
+
+    def _write_advantage(
+        self, batch: TensorDictBase, state_value: Tensor, *, normalize: bool
+    ) -> TensorDictBase:
+        """Write advantage, mean 0 and deviation 1 if told so, and value target."""
+        loss: Any = self
+        advantage, value_target = bootstrapped_advantage(
+            loss, batch, state_value, self._next_values
+        )
+        if normalize:
+            deviation = advantage.std(correction=0).clamp_min(1e-6)
+            advantage = (advantage - advantage.mean()) / deviation
+        batch.set(loss.tensor_keys.advantage, advantage)
+        return batch.set(loss.tensor_keys.value_target, value_target)
 
 
 def bootstrapped_advantage(

@@ -116,6 +116,14 @@ class LLoss(PairLoss):
     ``network`` makes the logits, ``[*B, A]``, of ``anchor`` and ``other``, views or
     embeddings; a ``TensorDictModule`` may read other keys. Actions are numbers ``[*B]``
     or one-hot: the paper, "Navigation implementation", eq. 14.
+
+    Examples:
+        >>> import torch
+        >>> network = TensorDictModule(torch.sub, ["anchor", "other"], ["logits"])
+        >>> pairs = TensorDict({"anchor": torch.ones(2, 4), "other": torch.ones(2, 4)})
+        >>> pairs["action"] = torch.tensor([0, 3])
+        >>> LLoss(network)(pairs)["loss_locomotion"]  # of four equal logits: log 4
+        tensor(1.3863)
     """
 
     @dataclass

@@ -15,7 +15,6 @@ from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
     action_numbers,
-    bootstrapped_advantage,
     read_entry,
     require_recurrent,
     require_slices,
@@ -95,16 +94,8 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
     ) -> TensorDictBase:
         """Write advantage, mean 0 and deviation 1, and value target ``[*B, T, 1]``."""
         require_slices(batch)
-        keys = self.tensor_keys
-        state_value = read_entry(batch, keys.value, "value")
-        advantage, value_target = bootstrapped_advantage(
-            self, batch, state_value, self.actor_critic.next_values
-        )
-        if normalize:
-            deviation = advantage.std(correction=0).clamp_min(1e-6)
-            advantage = (advantage - advantage.mean()) / deviation
-        batch.set(keys.advantage, advantage)
-        return batch.set(keys.value_target, value_target)
+        state_value = read_entry(batch, self.tensor_keys.value, "value")
+        return self._write_advantage(batch, state_value, normalize=normalize)
 
     @dispatch  # type: ignore[untyped-decorator]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -23,13 +23,11 @@ from toponav.objectives.actor_critic_loss import (
     RecurrentActorCritic,
     action_log_prob,
     action_numbers,
-    bootstrapped_advantage,
     read_entry,
     require_critic,
     require_one_action,
     require_recurrent,
     require_slices,
-    under_next,
 )
 
 #: Where a recurrent network's outputs are for its two heads.
@@ -122,14 +120,8 @@ class TRPOLoss(GAEMixin, LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        named, judge = self.tensor_keys, self.actor_critic or self.critic_network
-        actor = self.actor_critic or self.actor_network
-        now = dict.fromkeys([*actor.in_keys, *judge.in_keys])
-        # A recurrent network reads it of decisions but not under "next".
-        following = [key for key in judge.in_keys if key != keys.IS_INIT]
-        following += [named.reward, named.done, named.terminated]
-        own = [named.action, named.sample_log_prob]
-        return [*now, *own, *(under_next(key) for key in following)]
+        named = self.tensor_keys
+        return self._keys_of_slices(named.action, named.sample_log_prob)
 
     def policy_parameters(self) -> list[nn.Parameter]:
         """What the policy depends on: with a recurrent network all but its critic."""
@@ -155,15 +147,7 @@ class TRPOLoss(GAEMixin, LossModule):
         require_slices(batch)
         batch = batch.copy()
         inputs = self._inputs(batch)
-        state_value = self._judge(inputs)
-        advantage, value_target = bootstrapped_advantage(
-            self, batch, state_value, self._next_values
-        )
-        if normalize:
-            deviation = advantage.std(correction=0).clamp_min(1e-6)
-            advantage = (advantage - advantage.mean()) / deviation
-        batch.set(self.tensor_keys.advantage, advantage)
-        batch.set(self.tensor_keys.value_target, value_target)
+        batch = self._write_advantage(batch, self._judge(inputs), normalize=normalize)
         old = self.actor_network.get_dist_params(inputs)
         for key in self.actor_network.dist_params_keys:
             batch.set(key, old.get(key))
@@ -218,13 +202,3 @@ class TRPOLoss(GAEMixin, LossModule):
             return batch.select(*seen)
         require_slices(batch)
         return TensorDict({_OUTPUT: self.actor_critic.unroll_lstm(batch)}, batch.shape)
-
-    def _judge(self, inputs: TensorDictBase) -> Tensor:
-        judged = self.critic_network(inputs.select(*self.critic_network.in_keys))
-        shape = (*inputs.shape, 1)
-        return read_entry(judged, self.tensor_keys.value, "value", shape)
-
-    def _next_values(self, batch: TensorDictBase) -> Tensor:
-        if self.actor_critic is not None:
-            return cast(Tensor, self.actor_critic.next_values(batch))
-        return self._judge(batch.get("next"))

@@ -87,6 +87,13 @@ class StickyPolicy(TensorDictModuleBase):
     last action is carried over the end of an episode. ``weights`` are the relative
     frequencies of the actions when one is drawn; equal by default. They are written as
     numbers or one-hot, of which `RandomPolicy` says more.
+
+    Examples:
+        >>> policy = StickyPolicy(4, stickiness=0.6)
+        >>> first = policy(TensorDict(batch_size=[9999]))["action"]
+        >>> second = policy(TensorDict(batch_size=[9999]))["action"]
+        >>> round(float((first == second).float().mean()), 1)  # 0.6 + 0.4 / 4
+        0.7
     """
 
     in_keys: list[NestedKey] = []
@@ -208,6 +215,20 @@ class FrontierExpert(_Expert):
     first one. Once every cell that can be reached is visited, it acts at random. In an
     episode's first decision ``init_key`` is true and it forgets what was visited; with
     ``None`` it never does. Other arguments as in `PathFollower`.
+
+    Examples:
+        >>> from toponav.worlds import Effect, Motion
+        >>> effects = Effect(ahead=2.5), Effect(turn=20), Effect(turn=-20)
+        >>> motion = Motion(cell_size=10, effects=effects)
+        >>> world = WorldSpec(view_size=(1, 1), actions=(*"alr",), motion=motion)
+        >>> corridor = torch.ones(1, 3, dtype=torch.bool)
+        >>> expert = FrontierExpert(corridor, world=world, init_key=None)
+        >>> middle = {POSITION: [15.0, 5.0], HEADING: [10.0], CELL: [0, 1]}
+        >>> east = {POSITION: [25.0, 5.0], HEADING: [10.0], CELL: [0, 2]}
+        >>> expert(TensorDict(middle))["action"]  # ahead, into the cell in the east
+        tensor(0)
+        >>> expert(TensorDict(east))["action"]  # to the left, back to the other end
+        tensor(1)
     """
 
     def __init__(

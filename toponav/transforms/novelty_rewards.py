@@ -94,6 +94,12 @@ class CountReward(_NoveltyReward):
         in_keys: keys of the visits, int64 ``[*B, 1]``, 0 where nothing is paid, and of
             what pays as a new place, bool ``[*B, 1]``.
         out_keys: key of the reward, float32 ``[*B, 1]``.
+
+    Examples:
+        >>> decisions = {"visits": torch.tensor([[1], [4], [1]])}  # the last is new
+        >>> decisions["is_new_waypoint"] = torch.tensor([[False], [False], [True]])
+        >>> CountReward(0.2)(TensorDict(decisions, [3]))["count_reward"].squeeze(-1)
+        tensor([0.2000, 0.1000, 0.0000])
     """
 
     default_keys = [keys.VISITS, keys.IS_NEW_WAYPOINT], [keys.COUNT_REWARD]
@@ -131,6 +137,13 @@ class TemporalDistanceReward(_NoveltyReward):
         in_keys: keys of the similarity, float32 ``[*B, 1]`` in [0, 1], and of what pays
             as a new place, bool ``[*B, 1]``.
         out_keys: key of the reward, float32 ``[*B, 1]``.
+
+    Examples:
+        >>> decisions = {"similarity": torch.tensor([[0.5], [0.01], [0.9]])}
+        >>> decisions["is_new_waypoint"] = torch.tensor([[True], [True], [False]])
+        >>> rewarded = TemporalDistanceReward(0.8)(TensorDict(decisions, [3]))
+        >>> rewarded["temporal_distance_reward"].squeeze(-1)  # 0.01 counts as 0.05
+        tensor([ 1.6000, 16.0000,  0.0000])
     """
 
     default_keys = (

@@ -26,7 +26,7 @@ def test_what_an_edge_costs() -> None:
     add(trials, (0, 1, True, 3), (0, 1, True, 5), (0, 1, False, 12), (3, 4, True, 6))
     assert trials.tried[0].tolist() == [3, 0]
     assert trials.success[0, 0] == pytest.approx(2 / 3)
-    assert trials.duration[0, 0] == 4  # (3 + 5) / 2
+    assert (trials.walked[0, 0], trials.lost[0, 0]) == (3 + 5, 12)
     costs = trials.costs(GUESS)
     # Three passes took 3 + 5 + 6 decisions for guesses of 1 + 1 + 4: 7 / 3 for one.
     there = (2 * 1 + 3 / 7 * (3 + 5 + 12)) / (2 + 2)

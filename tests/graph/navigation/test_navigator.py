@@ -174,21 +174,28 @@ def test_cuts_fade(grid):
     assert open_again[4] == 24
 
 
-def test_when_nothing_is_left_the_oldest_cut_opens_again(grid):
-    world = GridWorld()
-    lower = (4, 3)
-    world.closed = {UPPER, lower}
-    navigator = make_navigator(grid, block_after=5)
+def test_when_nothing_is_left_the_newest_cut_that_failed_least_opens_again():
+    # Three ways of 4, 8 and 12 squares, each closed in its middle.
+    upper, middle, lower = slots = (1, 3), (3, 3), (5, 3)
+    rows = (*RING[:3], "#.....#", *RING[3:])
+    grid, world = GridMap(rows), GridWorld(rows)
+    world.closed = set(slots)
     env = as_task(world)
+    navigator = make_navigator(grid, block_after=5)
     data = env.rollout(120, navigator, break_when_any_done=False)
     assert goals(data) == 0
-    ends = data[CUT_FROM].flatten()
-    before = {grid.number((1, 2)), grid.number((4, 2))}
-    assert set(ends[ends >= 0].tolist()) == before
-    # It goes on trying one after the other, and is never without a plan.
+    ends = data[CUT_TO].flatten()
+    tried = [tuple(cell) for cell in grid.cells[ends[ends >= 0]].tolist()]
+    # The third cut leaves no path, and opens again as the newest. When it has failed
+    # once more, the newer one of the two others opens, and then the first. Now all have
+    # failed twice, and the newest opens again.
+    assert tried[:3] == [upper, middle, lower]
+    assert tried[3:7] == [lower, middle, upper, upper]
+    # So it goes on, and is never without a plan.
+    assert set(tried[7:]) == set(slots)
     assert data[PATH_COST].isfinite().all()
-    assert data[NUM_CUTS].max() == 1
-    world.closed = {lower}
+    assert data[NUM_CUTS].max() == 2
+    world.closed = {middle, lower}
     later = env.rollout(
         60,
         navigator,
@@ -323,7 +330,7 @@ def test_by_edges_it_closes_the_next_one_of_its_path_and_no_other(grid):
     assert goals(data) >= 3
 
 
-def test_by_edges_a_step_nearer_is_patience_anew(grid):
+def test_by_edges_patience_begins_again_with_a_step_nearer(grid):
     world = GridWorld()
     world.closed = {UPPER}
     navigator = make_navigator(grid, block_on="edge", block_after=5)
@@ -552,7 +559,7 @@ def test_it_runs_under_a_collector(grid):
     assert data[PATH_COST][:, ::9].eq(SHORT).all()
 
 
-def test_a_map_that_changed_begins_anew(grid):
+def test_a_map_that_changed_is_planned_on_again(grid):
     navigator = make_navigator(grid)
     navigator(view_of(START))
     # The upper way is gone from the map: the lower one is left.

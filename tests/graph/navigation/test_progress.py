@@ -76,7 +76,7 @@ def test_a_cut_elsewhere_begins_again():
     assert stuck_at(progress, 9) == (4, 0)
 
 
-def test_a_new_way_is_watched_anew():
+def test_a_new_way_is_watched_from_its_beginning():
     progress = make_progress(3, agents=2)
     place, left = torch.tensor([1, 2]), torch.tensor([4.0, 4.0]).double()
     for _ in range(2):

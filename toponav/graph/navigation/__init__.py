@@ -7,9 +7,7 @@ from toponav.graph.navigation.navigator import (
     Navigator as Navigator,
 )
 from toponav.graph.navigation.path_following import (
-    Aim as Aim,
     aim_along as aim_along,
-    edges_through as edges_through,
     steer as steer,
     to_the_middle as to_the_middle,
     walking_costs as walking_costs,

@@ -65,11 +65,6 @@ class EdgeTrials:
         return self.passed / self.tried
 
     @property
-    def duration(self) -> Tensor:
-        """Mean decisions of those that passed, ``[E, 2]``, NaN where there are none."""
-        return self.walked / self.passed
-
-    @property
     def confirmed(self) -> Tensor:
         """Which edges were passed in a direction, bool ``[E, 2]``."""
         return self.passed > 0

@@ -56,12 +56,11 @@ class Navigator(TensorDictModuleBase):
        no other. If no path is left, a cut opens again (`Plans`).
 
     It writes the action, int64 ``[*B]`` or one-hot, and what it decided, as
-    `toponav.keys` describes it, and reads no privileged key.
-
-    It is a policy for any TorchRL collector or rollout, with any batch shape. Its state
-    has one row an env, which resets where ``is_init`` is true; a new version of the map
-    resets all. One object must not serve two collectors. The callables are neither
-    moved nor saved with it and must be in ``eval()`` mode.
+    `toponav.keys` describes it, and reads no privileged key. It is a policy for any
+    TorchRL collector or rollout, with any batch shape. Its state has one row an env,
+    which resets where ``is_init`` is true; a new version of the map resets all. One
+    object must not serve two collectors. The callables are neither moved nor saved with
+    it and must be in ``eval()`` mode.
 
     Reference:
         The paper, "Navigation implementation", Figs. 10 and 11, eq. 15.
@@ -82,6 +81,18 @@ class Navigator(TensorDictModuleBase):
         one_hot: write actions as int64 ``[*B, A]``, as TorchRL's ``GymEnv`` takes them
             unless it is told otherwise.
         seed: of the actions drawn.
+
+    Examples:
+        >>> from toponav.graph import TopologicalMap
+        >>> compare = lambda one, many: 1 - (one.unsqueeze(1) - many).abs().mean(-1)
+        >>> rules = MapRules(tc_threshold=0.9, tc_reach=0.4, window=0)
+        >>> grey = TopologicalMap(torch.nn.Flatten(), compare, rules)
+        >>> grey.add_episode(TensorDict({"embedding": [[0.0], [0.5], [1.0]]}, [3]))
+        tensor([0, 1, 2])
+        >>> darker_or_lighter = lambda one, to: 99 * torch.cat([one - to, to - one], 1)
+        >>> view = {"pixels": [[[0.0]]], "goal_views": [[[[1.0]]]], "is_init": [True]}
+        >>> Navigator.over(grey, darker_or_lighter)(TensorDict(view))["action"]
+        tensor(1)
     """
 
     def __init__(

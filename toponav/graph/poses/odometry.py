@@ -9,6 +9,8 @@ from torchrl.modules import MLP
 
 #: Of the layers between.
 _WIDTHS = 2**7, 2**6
+#: Steps in an update.
+_BATCH = 512
 #: Steps of length at which the loss turns from a square to an absolute value.
 _BETA = 0.1
 
@@ -25,7 +27,7 @@ class Odometry:
         before, after: embeddings of the two views of each of N steps, ``[N, D]``.
         actions: what was done between them and before the first, int64 ``[N, 2]``.
         num_actions: A.
-        updates: of the network at each `fit`, with so many steps in a ``batch``.
+        updates: of the network at each `fit`.
     """
 
     def __init__(
@@ -36,7 +38,6 @@ class Odometry:
         num_actions: int,
         *,
         updates: int,
-        batch: int = 512,
         seed: int = 0,
     ) -> None:
         seen = torch.cat([before, after - before], 1).float()
@@ -45,7 +46,7 @@ class Odometry:
         self._inputs = torch.cat(
             [(seen - seen.mean(0, keepdim=True)) / spread, done], 1
         )
-        self._updates, self._batch, self._seed = updates, batch, seed
+        self._updates, self._seed = updates, seed
 
     @torch.enable_grad()
     def fit(self, steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,7 +60,7 @@ class Odometry:
             )
             optimizer = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=3e-2)
             for _ in range(self._updates):
-                drawn = torch.randint(len(wanted), (self._batch,))
+                drawn = torch.randint(len(wanted), (_BATCH,))
                 found = net(self._inputs[drawn])
                 loss = F.smooth_l1_loss(found, wanted[drawn], beta=_BETA)
                 optimizer.zero_grad()

@@ -1,6 +1,6 @@
 """EX2: pays for views that are easily told from those that were seen before."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -167,9 +167,6 @@ class EX2Method(RewardMethod):
 
     def modules(self) -> dict[str, nn.Module]:
         return {_EX2: self.exemplars}
-
-    def updated(self) -> Collection[str]:
-        return (_EX2,)
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         views = PolicyPixels(self.size, out_keys=[SMALL_PIXELS])

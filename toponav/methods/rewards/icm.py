@@ -1,6 +1,6 @@
 """Intrinsic curiosity: pays for views that an action leads to unforeseen."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -202,9 +202,6 @@ class ICMMethod(RewardMethod):
 
     def modules(self) -> dict[str, nn.Module]:
         return {_ICM: self.icm}
-
-    def updated(self) -> Collection[str]:
-        return (_ICM,)
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         stack = GreyStack(self.size, self.config.frames)

@@ -1,6 +1,6 @@
 """Random network distillation: pays for views that are hard to predict."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -50,6 +50,7 @@ class GreyFrames(nn.Module):
 
     @torch.no_grad()
     def update(self, pixels: Tensor) -> None:
+        """Count views, uint8 ``[*B, H, W, 3]``, or as ``channels`` says."""
         for views in pixels.reshape(-1, *pixels.shape[-3:]).split(_CHUNK):
             self.statistics.update(self._to_grey(views))
 
@@ -147,6 +148,7 @@ class RandomNetworkDistillation(nn.Module):
         self.predictor = ViewFeatures(frames, predictor)
 
     def update(self, pixels: Tensor) -> None:
+        """Count views for both networks, as `GreyFrames.update`."""
         self.predictor.frames.update(pixels)
 
 
@@ -197,9 +199,6 @@ class RNDMethod(RewardMethod):
 
     def modules(self) -> dict[str, nn.Module]:
         return {_RND: self.rnd}
-
-    def updated(self) -> Collection[str]:
-        return (_RND,)
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         views: list[Transform] = []

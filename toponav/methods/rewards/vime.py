@@ -1,6 +1,6 @@
 """VIME: pays for decisions whose outcome teaches a model of the world something."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -289,9 +289,6 @@ class VIMEMethod(RewardMethod):
 
     def modules(self) -> dict[str, nn.Module]:
         return {_VIME: self.dynamics}
-
-    def updated(self) -> Collection[str]:
-        return (_VIME,)
 
     def make_transforms(self, *, num_envs: int, seed: int) -> list[Transform]:
         stack = GreyStack(self.size, frames=1)

@@ -15,7 +15,8 @@ from tests.envs.layouts import GATE, LANE
 from tests.envs.test_engines import STAND_IN
 from toponav.builders import engine_world
 from toponav.envs import EngineError, EngineLostError, MazeEnv
-from toponav.envs.engines.dmlab.engine import Engine, map_folder
+from toponav.envs.cache import cache_folder
+from toponav.envs.engines.dmlab.engine import Engine
 from toponav.envs.engines.dmlab.game import MazeGame
 from toponav.envs.engines.dmlab.text_level import level_settings, scene_text
 from toponav.envs.game import Look
@@ -149,7 +150,7 @@ class TestMaps:
             kept.append(
                 [
                     (path, path.stat().st_mtime_ns)
-                    for path in map_folder().glob(f"{name}*.pk3")
+                    for path in cache_folder("dmlab-maps").glob(f"{name}*.pk3")
                 ]
             )
         assert len(kept[0]) == 1

@@ -53,7 +53,7 @@ class TestMissing:
 from toponav.envs import EngineError, load_maze
 print(load_maze("maze1").num_cells)
 try:
-    DoomMazeEnv(LANE)
+    MazeEnv(LANE)
 except EngineError as error:
     print(error)
 """
@@ -73,7 +73,7 @@ class TestWorkingFolder:
         tmp_path.chmod(mode)
         before = tmp_path.stat().st_mtime_ns
         run(
-            "env = DoomMazeEnv(LANE, batch_size=4, texture_seed=77)\n"
+            "env = MazeEnv(LANE, batch_size=4, texture_seed=77)\n"
             "env.rollout(5)\nenv.close()",
             cwd=tmp_path,
         )
@@ -105,7 +105,7 @@ def before_fork():
         inside -= 1
 
 getattr(ctypes.CDLL(None), "__register_atfork")(before_fork, None, None, None)
-DoomMazeEnv(LANE, batch_size=4).close()
+MazeEnv(LANE, batch_size=4).close()
 print(most, count >= 4)
 """
         assert run(script).split() == ["1", "True"]
@@ -113,7 +113,7 @@ print(most, count >= 4)
     @pytest.mark.slow
     def test_forty_eight_at_once_all_succeed(self) -> None:
         script = (
-            "env = DoomMazeEnv(LANE, batch_size=8)\nenv.rollout(2)\n"
+            "env = MazeEnv(LANE, batch_size=8)\nenv.rollout(2)\n"
             "report(env)\nenv.close()"
         )
         with ThreadPoolExecutor(6) as pool:

@@ -14,10 +14,10 @@ import pytest
 
 from tests.envs.children import Child, run
 from tests.envs.layouts import LANE
-from toponav.envs import DoomMazeEnv, EngineError
+from toponav.envs import EngineError, MazeEnv
 from toponav.envs.engines.doom import instances
 
-ENV = "env = DoomMazeEnv(LANE, batch_size=2)\nenv.reset()\n"
+ENV = "env = MazeEnv(LANE, batch_size=2)\nenv.reset()\n"
 
 
 def ends(condition: Callable[[], object], seconds: float = 10.0) -> bool:
@@ -95,7 +95,7 @@ class TestSweep:
         # The engines know nothing of it and wait endlessly, with its pipes open.
         assert len(child.engines()) == 2
         assert len(child.shared_memory()) == 6
-        run("DoomMazeEnv(LANE).close()")
+        run("MazeEnv(LANE).close()")
         assert child.engines() == []
         assert child.shared_memory() == []
         assert not list(instances.registry().iterdir())
@@ -115,11 +115,11 @@ class TestSweep:
 
     @pytest.mark.slow
     def test_never_touches_engines_of_a_living_owner(self) -> None:
-        env = DoomMazeEnv(LANE)
+        env = MazeEnv(LANE)
         try:
             env.reset()
             pid = env.games.pids
-            out = run("for _ in range(3): DoomMazeEnv(LANE).close()\nprint('swept')")
+            out = run("for _ in range(3): MazeEnv(LANE).close()\nprint('swept')")
             assert out == "swept\n"
             assert env.games.pids == pid
             env.rollout(3)
@@ -188,7 +188,7 @@ class TestSweep:
         self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     ) -> None:
         # An engine was killed while its owner waited for it, and the owner crashed.
-        env = DoomMazeEnv(LANE)
+        env = MazeEnv(LANE)
         try:
             env.reset()
             (engine,) = env.games.pids
@@ -309,7 +309,7 @@ def test_engines_start_and_end_without_a_look_at_all_processes(
     instances.sweep_if_due()
     monkeypatch.setattr(instances, "_SWEEP_EVERY_S", 1000.0)
     monkeypatch.setattr(psutil, "process_iter", lambda *_: pytest.fail("all of them"))
-    env = DoomMazeEnv(LANE, batch_size=2)
+    env = MazeEnv(LANE, batch_size=2)
     pids = env.games.pids
     env.close()
     assert len(set(pids)) == 2

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import platformdirs
 from numpy.typing import NDArray
 
+from toponav.envs.cache import cache_folder
 from toponav.envs.engines.dmlab.spec import FRAMES_PER_SECOND, WORLD
 from toponav.envs.game import EngineError, EngineLostError
 
@@ -66,7 +66,7 @@ class Engine:
             "owner": os.getpid(),
             "path": sys.path,
             "folder": str(self._folder),
-            "cache": str(map_folder()),
+            "cache": str(cache_folder("dmlab-maps")),
             "level": str(_LEVEL),
             "view": self._view,
             "config": {
@@ -161,19 +161,6 @@ class Engine:
         lines = [line for line in text.splitlines() if line.strip()]
         last = lines[-1].strip() if lines else "nothing"
         return f"exit status {self._process.returncode}; its last output: {last}"
-
-
-def map_folder() -> Path:
-    """Where compiled maps are kept: the user's cache, or a temporary folder."""
-    folder = Path(platformdirs.user_cache_dir("toponav")) / "dmlab-maps"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError:
-        folder = Path(tempfile.gettempdir()) / f"toponav-{os.getuid()}" / "dmlab-maps"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return folder
 
 
 def _release(

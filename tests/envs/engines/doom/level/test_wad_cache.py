@@ -11,7 +11,7 @@ import pytest
 
 from tests.envs.layouts import HALL, LANE
 from toponav.envs.engines.doom.level.compile import compile_maze
-from toponav.envs.engines.doom.level.wad import cache_folder, wad_file
+from toponav.envs.engines.doom.level.wad import wad_file
 
 
 @pytest.fixture
@@ -59,15 +59,3 @@ def test_what_a_killed_writer_left_goes_after_an_hour(cache: Path) -> None:
     wad_file(compile_maze(HALL).wad)
     assert not old.exists()
     assert new.exists()
-
-
-def test_without_a_cache_folder_a_temporary_one_serves(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # A file in the folder's place: nobody can write there, not even root.
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda _: f"{tmp_path}/file")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    folder = cache_folder()
-    assert folder.is_dir()
-    assert folder.is_relative_to(tmp_path)

@@ -16,12 +16,12 @@ from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
-import platformdirs
-
+from toponav.envs.cache import cache_folder
 from toponav.envs.engines.doom import instances
 from toponav.envs.game import EngineError
 
 _HEADER_SIZE = 12
+_CACHE = "wads"
 _SECONDS = 120.0
 # What has this suffix and this age in seconds, nobody goes on writing.
 _HALF, _OLD_S = ".half", 3600.0
@@ -68,23 +68,9 @@ def lump_names(wad: bytes) -> list[str]:
     return names if kind == b"PWAD" else []
 
 
-def cache_folder() -> Path:
-    """Where WADs are kept: the user's cache, or a temporary folder without one."""
-    folder = Path(platformdirs.user_cache_dir("toponav")) / "wads"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError:
-        user = os.getuid() if hasattr(os, "getuid") else "user"
-        folder = Path(tempfile.gettempdir()) / f"toponav-{user}" / "wads"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return folder
-
-
 def wad_file(wad: bytes) -> Path:
     """The file of a WAD, named by its content and written atomically."""
-    path = cache_folder() / f"{hashlib.sha256(wad).hexdigest()}.wad"
+    path = cache_folder(_CACHE) / f"{hashlib.sha256(wad).hexdigest()}.wad"
     if not path.exists() or path.read_bytes() != wad:
         _remove_halves(path.parent)
         with tempfile.NamedTemporaryFile(
@@ -107,7 +93,7 @@ def check_wad(wad: Path, map_name: str, *, seconds: float = _SECONDS) -> None:
     """Raise an ``EngineError`` if the engine dies or hangs on this map of this WAD."""
     content = wad.read_bytes()
     digest = hashlib.sha256(content).hexdigest()
-    mark = cache_folder() / f"{digest}-{map_name}-{version('vizdoom')}.ok"
+    mark = cache_folder(_CACHE) / f"{digest}-{map_name}-{version('vizdoom')}.ok"
     if mark.exists():
         return
     must = f"the engine must load {wad.name}"
