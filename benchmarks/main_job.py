@@ -42,9 +42,9 @@ from torch.utils.flop_counter import FlopCounterMode
 from toponav.builders import PLACES_FILE, make_autocast, make_networks, prepare_process
 from toponav.config import ExploreConfig, PretrainConfig
 from toponav.methods import make_world
-from toponav.modules import PlaceNetwork
+from toponav.modules import OffsetNetwork, PlaceNetwork
 from toponav.reports import EVALUATE, EXPLORE, PRETRAIN
-from toponav.training import PlaceRules
+from toponav.training import OffsetRules, PlaceRules
 
 #: Added to the seed of a second run.
 AGAIN = 1000
@@ -226,11 +226,15 @@ def map_parts(finished: Path, *, rate: float) -> dict[str, float]:
         views = growth.consolidate()
         spent = time.process_time() - began
     assert views is not None
-    rules, width = PlaceRules(), views[0].shape[1]
-    places = PlaceNetwork(growth.map.num_waypoints, width)
-    update = operations(lambda: places(torch.zeros(8, width))) / 8 * rules.views
+    width = views[0].shape[1]
+    sizes, views_of_8 = (growth.map.num_waypoints, width), torch.zeros(8, width)
+    both = (PlaceNetwork(*sizes), PlaceRules()), (OffsetNetwork(*sizes), OffsetRules())
+    needed = sum(
+        operations(lambda one=one: one(views_of_8)) / 8 * rules.views * rules.updates
+        for one, rules in both
+    )
     cores = len(os.sched_getaffinity(0))
-    return {"poses": spent / cores, "places": rules.updates * update / rate}
+    return {"poses": spent / cores, "places": needed / rate}
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ from toponav.builders import (
     POSES_FILE,
     AgentKnowledge,
     GroundTruth,
+    MapSenses,
     load_networks,
     make_layout,
     make_networks,
@@ -23,7 +24,12 @@ from toponav.builders import (
 from toponav.config import ExploreConfig, NavigateConfig
 from toponav.graph import save_map
 from toponav.training.ground_training import GroundRules, train_ground
-from toponav.training.place_training import PlaceRules, train_places
+from toponav.training.place_training import (
+    OffsetRules,
+    PlaceRules,
+    train_offsets,
+    train_places,
+)
 
 RING = "*****\n*   *\n* *a*\n*   *\n*****\n"
 #: Views of a cell, one in each direction.
@@ -119,9 +125,12 @@ def write_map(
         state["positions"] = torch.stack([5 - y, x - 7], 1)
         state["headings"] = heading + 90
         own = torch.cat([state["positions"], state["headings"].unsqueeze(1)], 1)
-        rules = PlaceRules(updates=60, views=32)
-        network = train_places(embeddings, own, own, motion.turn, rules)
-        ground = train_ground(embeddings, own, GroundRules(updates=20, views=32))
-        save_places(network, folder / PLACES_FILE, ground)
+        known = embeddings, own, own, motion.turn
+        senses = MapSenses(
+            train_places(*known, PlaceRules(updates=60, views=32)),
+            train_offsets(*known, OffsetRules(updates=60, views=32)),
+            train_ground(embeddings, own, GroundRules(updates=20, views=32)),
+        )
+        save_places(senses, folder / PLACES_FILE)
     save_map(state, folder / MAP_FILE)
     np.save(folder / POSES_FILE, np.asarray(true))

@@ -25,7 +25,7 @@ from toponav.ground_truth import GroundTruthDistances, waypoint_poses
 from toponav.metrics import map_quality
 from toponav.training import MapGrowth
 from toponav.training.ground_training import GroundRules
-from toponav.training.place_training import PlaceRules
+from toponav.training.place_training import OffsetRules, PlaceRules
 
 THRESHOLDS = {"reward_threshold": 0.5, "tc_threshold": 0.6, "tc_reach": 0.55}
 
@@ -361,6 +361,8 @@ def learn_quickly(monkeypatch, *, rounds=4, updates=150):
     monkeypatch.setattr("toponav.training.map_growth.PoseRules", quick)
     quick = partial(PlaceRules, updates=updates)
     monkeypatch.setattr("toponav.training.map_growth.PlaceRules", quick)
+    quick = partial(OffsetRules, updates=updates)
+    monkeypatch.setattr("toponav.training.map_growth.OffsetRules", quick)
     # How much is seen of the ground is tested beside the network that sees it.
     quick = partial(GroundRules, updates=20)
     monkeypatch.setattr("toponav.training.map_growth.GroundRules", quick)
@@ -409,15 +411,19 @@ def test_poses_leave_few_waypoints_at_the_end(
     assert torch.equal(state["positions"], growth.map.waypoints.positions)
     assert state["positions"].isfinite().all()
     path = tmp_path / PLACES_FILE
-    places, ground = load_places(path, num_places=number, setting="run")
+    senses = load_places(path, num_places=number, setting="run")
     embeddings = growth.map.embeddings
     with torch.no_grad():
-        found = places(embeddings).argmax(1)
+        found = senses.places(embeddings).argmax(1)
+        offsets = senses.offsets(embeddings)
     away = growth.map.waypoints.positions[found] - growth.map.waypoints.positions
     assert away.norm(dim=1).median() < 3
-    assert ground is not None
-    assert growth.ground is not None
-    assert torch.equal(ground(embeddings), growth.ground(embeddings))
+    # A waypoint is where it is.
+    own = offsets[torch.arange(number), torch.arange(number), :2].norm(dim=1)
+    assert own.median() < 1
+    for name in ("offsets", "ground"):
+        loaded, trained = getattr(senses, name), getattr(growth.senses, name)
+        assert torch.equal(loaded(embeddings), trained(embeddings))
 
 
 def test_a_resumed_run_has_the_walks_of_the_map(pose_growth) -> None:

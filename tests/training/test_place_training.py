@@ -4,9 +4,15 @@ import pytest
 import torch
 
 from tests.graph.poses.ring_world import EFFECTS, walk
-from toponav.training.place_training import PlaceRules, train_places
+from toponav.training.place_training import (
+    OffsetRules,
+    PlaceRules,
+    train_offsets,
+    train_places,
+)
 
 RULES = PlaceRules(updates=250, views=128)
+OFFSETS = OffsetRules(updates=300, views=128)
 TURN = float(EFFECTS[:, 2].max())
 
 
@@ -60,3 +66,31 @@ def test_a_seed_repeats_it_and_leaves_other_draws_alone(ring) -> None:
     )
     assert all(same)
     assert not all(unlike)
+
+
+def test_offsets_say_where_between_waypoints_a_view_is(ring) -> None:
+    waypoints = ring[2]
+    places = train_places(*ring, TURN, RULES)
+    offsets = train_offsets(*ring, TURN, OFFSETS)
+    seen, poses = walk(9, 300, seed=9)
+    views = seen.embeddings.float()
+    with torch.no_grad():
+        nearest, found = places(views).argmax(1), offsets(views)
+    said = waypoints[nearest] + found[torch.arange(len(views)), nearest]
+    away = (said - poses)[:, :2].norm(dim=1)
+    away_without = (waypoints[nearest] - poses)[:, :2].norm(dim=1)
+    assert away.median() < 0.8 * away_without.median()
+    turned = ((said - poses)[:, 2] + 180) % 360 - 180
+    turned_without = ((waypoints[nearest] - poses)[:, 2] + 180) % 360 - 180
+    assert turned.abs().median() < 0.6 * turned_without.abs().median()
+
+
+def test_offsets_go_the_short_way_round(ring) -> None:
+    # All views look 350 degrees, all waypoints 10: 20 degrees to the right of them.
+    embeddings, poses, waypoints = (one.clone() for one in ring)
+    poses[:, 2], waypoints[:, 2] = 350.0, 10.0
+    offsets = train_offsets(embeddings, poses, waypoints, 1e6, OFFSETS)
+    with torch.no_grad():
+        found = offsets(embeddings.float())[:, :, 2]
+    # Not 340.
+    assert found.median().item() == pytest.approx(-20, abs=6)

@@ -16,7 +16,7 @@ from toponav.builders.collection import collect_rollout
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
-from toponav.builders.places import PLACES_FILE, load_places
+from toponav.builders.places import PLACES_FILE, MapSenses, load_places
 from toponav.builders.processes import seed_of
 from toponav.config import (
     MazeConfig,
@@ -32,7 +32,6 @@ from toponav.envs import Layout
 from toponav.graph import MapFileError, MapRules, TopologicalMap, load_map
 from toponav.ground_truth import GroundTruthDistances, pick_goal_views, require_motion
 from toponav.keys import HEADING, PIXELS, POSITION, REWARD
-from toponav.modules import GroundNetwork, PlaceNetwork
 from toponav.policies import FrontierExpert
 from toponav.transforms import GoalViews, PreviousReward
 from toponav.worlds import WorldSpec
@@ -55,10 +54,8 @@ class AgentKnowledge:
     world: WorldSpec
     networks: Networks  # in eval() mode
     map: TopologicalMap  # built while exploring
-    #: Knows the map's waypoints by their views, if these have poses.
-    places: PlaceNetwork | None = None
-    #: Sees where the ground is free, of a map made by this version.
-    ground: GroundNetwork | None = None
+    #: Say what a view means on the map, if its waypoints have poses.
+    senses: MapSenses | None = None
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ def load_exploration(
         ) from error
     truth = GroundTruth(poses, layout, distances)
     senses = _load_places(folder, topological_map.num_waypoints, about)
-    return AgentKnowledge(world, networks, topological_map, *senses), truth
+    return AgentKnowledge(world, networks, topological_map, senses), truth
 
 
 def load_knowledge(folder: Path, world: WorldSpec) -> AgentKnowledge:
@@ -153,9 +150,9 @@ def _load_map(
 
 def _load_places(
     folder: Path, num_places: int, about: Mapping[str, str]
-) -> tuple[PlaceNetwork | None, GroundNetwork | None]:
+) -> MapSenses | None:
     if (path := find_beside(folder, PLACES_FILE, about)) is None:
-        return None, None
+        return None
     return load_places(path, num_places=num_places, setting="run")
 
 

@@ -18,6 +18,7 @@ from toponav.modules.nav_actor_critic import (
     NavActorCritic as NavActorCritic,
     StackedLSTM as StackedLSTM,
 )
+from toponav.modules.offset_network import OffsetNetwork as OffsetNetwork
 from toponav.modules.pair_networks import (
     Comparator as Comparator,
     ConcatComparator as ConcatComparator,
@@ -27,6 +28,7 @@ from toponav.modules.pair_networks import (
     TCNetwork as TCNetwork,
 )
 from toponav.modules.place_network import PlaceNetwork as PlaceNetwork
+from toponav.modules.scaled_mlp import ScaledMLP as ScaledMLP
 from toponav.modules.steering_network import (
     SteeringNetwork as SteeringNetwork,
     SteeringValue as SteeringValue,

@@ -47,7 +47,10 @@ from toponav.training.pair_trainer import (
     make_pair_trainer as make_pair_trainer,
     require_finite as require_finite,
 )
-from toponav.training.place_training import PlaceRules as PlaceRules
+from toponav.training.place_training import (
+    OffsetRules as OffsetRules,
+    PlaceRules as PlaceRules,
+)
 from toponav.training.pretraining import (
     Validation as Validation,
     decisions_due as decisions_due,

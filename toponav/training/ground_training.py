@@ -2,26 +2,22 @@
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
-from torch.optim import AdamW
-from torch.optim.lr_scheduler import OneCycleLR
-from tqdm import tqdm
 
 from toponav.graph.poses import BEARINGS, DISTANCES, WalkedGround
 from toponav.modules import GroundNetwork
+from toponav.training.fitting import FitRules, fit
 
 
 @dataclass(frozen=True, kw_only=True)
-class GroundRules:
+class GroundRules(FitRules):
     """How a `GroundNetwork` learns."""
 
     updates: int = 1000
-    views: int = 256  # in each update
-    lr: float = 2e-3  # at its largest
+    views: int = 256
+    lr: float = 2e-3
     weight_decay: float = 1e-3
-    seed: int = 0
 
 
 def train_ground(
@@ -47,22 +43,12 @@ def train_ground(
     if not len(known):
         raise ValueError("a view must have a known pose, got none")
     ground = WalkedGround(poses[known, :2].float())
-    # The draws of the caller stay as they are.
-    with torch.random.fork_rng(devices=[]), torch.enable_grad():
-        torch.manual_seed(rules.seed)
-        network = GroundNetwork(embeddings.shape[1], len(BEARINGS), len(DISTANCES))
-        network.scale_by(embeddings[known].float())
-        optimizer = AdamW(
-            network.parameters(), lr=rules.lr, weight_decay=rules.weight_decay
-        )
-        schedule = OneCycleLR(optimizer, rules.lr, total_steps=rules.updates)
-        for _ in tqdm(range(rules.updates), desc="ground", unit="update", leave=False):
-            drawn = known[torch.randint(len(known), (rules.views,))]
-            wanted = ground.before(poses[drawn].float()).float()
-            logits = network(embeddings[drawn].float())
-            loss = F.binary_cross_entropy_with_logits(logits, wanted)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-    return network.eval()
+
+    def loss(network: GroundNetwork, views: Tensor, drawn: Tensor) -> Tensor:
+        wanted = ground.before(poses[drawn].float()).float()
+        return F.binary_cross_entropy_with_logits(network(views), wanted)
+
+    sizes = embeddings.shape[1], len(BEARINGS), len(DISTANCES)
+    return fit(
+        lambda: GroundNetwork(*sizes), loss, embeddings, known, rules, name="ground"
+    )

@@ -20,6 +20,7 @@ from toponav.builders import (
     PLACES_FILE,
     POSES_FILE,
     Consumer,
+    MapSenses,
     Networks,
     Novelty,
     World,
@@ -48,13 +49,17 @@ from toponav.metrics import (
     map_parts,
     waypoint_shares,
 )
-from toponav.modules import GroundNetwork, PlaceNetwork
 from toponav.plotting import draw_graph, save_figure
 from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
 from toponav.training.ground_training import GroundRules, train_ground
 from toponav.training.map_truth import MapTruth, Snapshot
-from toponav.training.place_training import PlaceRules, train_places
+from toponav.training.place_training import (
+    OffsetRules,
+    PlaceRules,
+    train_offsets,
+    train_places,
+)
 
 #: The file in a run folder that holds the views of the map's waypoints.
 VIEWS_FILE = "map_views.bin"
@@ -112,10 +117,8 @@ class MapGrowth(Consumer):
         #: Views that the map was given, those of ``map.envs`` mazes, and its waypoints,
         #: after each batch.
         self.growth = [(0, 0)]
-        # What knows the waypoints of the last map by their views.
-        self.places: PlaceNetwork | None = None
-        # What sees where the ground is free.
-        self.ground: GroundNetwork | None = None
+        # What views say on the last map.
+        self.senses: MapSenses | None = None
         self.rows: list[Row] = []
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
@@ -209,13 +212,15 @@ class MapGrowth(Consumer):
         return found.embeddings, found.poses
 
     def learn_places(self, embeddings: Tensor, poses: Tensor) -> None:
-        """Train what knows waypoints by their views, and what sees free ground."""
+        """Train what says where a view was taken, and where its ground is free."""
         assert self.effects is not None
         turn = fastest_turn(self.effects)
-        rules = PlaceRules(seed=self.seed)
-        known = self.map.waypoints.poses
-        self.places = train_places(embeddings, poses, known, turn, rules)
-        self.ground = train_ground(embeddings, poses, GroundRules(seed=self.seed))
+        known = embeddings, poses, self.map.waypoints.poses, turn
+        self.senses = MapSenses(
+            train_places(*known, PlaceRules(seed=self.seed)),
+            train_offsets(*known, OffsetRules(seed=self.seed)),
+            train_ground(embeddings, poses, GroundRules(seed=self.seed)),
+        )
 
     def wait(self) -> None:
         """Wait until all is written, and raise what went wrong with it."""
@@ -254,8 +259,7 @@ class MapGrowth(Consumer):
             self.map.edge_cost.amin(1),
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
-            self.places,
-            self.ground,
+            self.senses,
         )
 
     def _write(self, folder: Path, now: Snapshot) -> None:
@@ -268,8 +272,8 @@ class MapGrowth(Consumer):
             lengths = self.truth.lengths(now)
             row |= self.truth.measure(now, lengths, self.pretraining_decisions)
             write_array(next_path(folder / POSES_FILE), now.poses)
-        if now.places is not None:
-            save_places(now.places, next_path(folder / PLACES_FILE), now.ground)
+        if now.senses is not None:
+            save_places(now.senses, next_path(folder / PLACES_FILE))
         self.rows.append(row)
         write_history(folder / "map.csv", self.rows)
         about = {"maze": self.name} | name_contents(folder)

@@ -1,34 +1,41 @@
-"""`train_places`: a network that knows the waypoints of one map by their views."""
+"""Networks that know the waypoints of one map by their views."""
 
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
-from torch.optim import AdamW
-from torch.optim.lr_scheduler import OneCycleLR
-from tqdm import tqdm
 
 from toponav.graph.poses import decisions_apart
-from toponav.modules import PlaceNetwork
+from toponav.modules import OffsetNetwork, PlaceNetwork
+from toponav.training.fitting import FitRules, fit
 
 #: Of the poses of a view and of waypoints that are compared in one call.
 _CHUNK = 4096
 #: A view without a waypoint at least so near teaches nothing: exp(-x^2 / 2).
 _NEAR = 1e-2
+#: Error, in units of the offsets, from which it counts by its size, not by its square.
+_LARGE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceRules:
+class PlaceRules(FitRules):
     """How a `PlaceNetwork` learns."""
 
     updates: int = 1500
-    views: int = 512  # in each update
-    lr: float = 4e-3  # at its largest
+    views: int = 512
+    lr: float = 4e-3
     weight_decay: float = 3e-2
     #: Standard deviation, in decisions, of the distance from a view to its waypoints.
     spread: float = 1.5
-    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffsetRules(PlaceRules):
+    """How an `OffsetNetwork` learns: twice as many views bring no more."""
+
+    updates: int = 1000
+    views: int = 256
 
 
 def train_places(
@@ -41,8 +48,7 @@ def train_places(
     """Learn which of a map's waypoints each of V views is close to.
 
     A view belongs to all waypoints around it, by a bell curve over the decisions to
-    them in free space, so that what the network says of a view has its pose as the mean
-    of theirs. Views whose pose is not known, NaN, are left out.
+    them in free space. Views whose pose is not known, NaN, are left out.
 
     Reference:
         Beyond the paper. Places as classes: Weyand, Kostrikov and Philbin, "PlaNet"
@@ -55,6 +61,64 @@ def train_places(
         turn: degrees that the fastest action turns.
         rules: how it learns.
     """
+
+    def loss(network: PlaceNetwork, views: Tensor, drawn: Tensor) -> Tensor:
+        wanted = _shares(poses[drawn], waypoints, turn, rules)
+        return F.cross_entropy(network(views), wanted)
+
+    known = _near_views(poses, waypoints, turn, rules)
+    sizes = len(waypoints), embeddings.shape[1]
+    return fit(
+        lambda: PlaceNetwork(*sizes), loss, embeddings, known, rules, name="places"
+    )
+
+
+def train_offsets(
+    embeddings: Tensor,
+    poses: Tensor,
+    waypoints: Tensor,
+    turn: float,
+    rules: OffsetRules,
+) -> OffsetNetwork:
+    """Learn how far from the waypoints around it each of V views was taken.
+
+    Waypoints count as `train_places` lets a view belong to them. Poses of views are off
+    by a step or so, each in another direction: the mean over views that look alike,
+    which the network learns, is nearer to where they were taken. Arguments are those of
+    `train_places`.
+
+    Reference:
+        Beyond the paper. Classes with offsets beside them: Mousavian et al., "3D
+        bounding box estimation using deep learning and geometry" (2017),
+        https://arxiv.org/abs/1612.00496
+    """
+    units = poses.new_tensor(OffsetNetwork.UNITS).float()
+
+    def loss(network: OffsetNetwork, views: Tensor, drawn: Tensor) -> Tensor:
+        wanted = poses[drawn].float().unsqueeze(1) - waypoints
+        wanted[..., 2] = (wanted[..., 2] + 180) % 360 - 180
+        error = F.smooth_l1_loss(
+            network(views) / units, wanted / units, reduction="none", beta=_LARGE
+        )
+        shares = _shares(poses[drawn], waypoints, turn, rules)
+        return (error.sum(2) * shares).sum(1).mean()
+
+    known = _near_views(poses, waypoints, turn, rules)
+    sizes = len(waypoints), embeddings.shape[1]
+    return fit(
+        lambda: OffsetNetwork(*sizes), loss, embeddings, known, rules, name="offsets"
+    )
+
+
+def _shares(poses: Tensor, waypoints: Tensor, turn: float, rules: PlaceRules) -> Tensor:
+    """How far each view belongs to each waypoint, ``[N, W]``."""
+    apart = decisions_apart(poses.unsqueeze(1), waypoints, turn)
+    return (-0.5 * (apart / rules.spread).square()).softmax(1)
+
+
+def _near_views(
+    poses: Tensor, waypoints: Tensor, turn: float, rules: PlaceRules
+) -> Tensor:
     near = [
         decisions_apart(some.unsqueeze(1), waypoints, turn).amin(1)
         for some in poses.split(_CHUNK)
@@ -63,22 +127,4 @@ def train_places(
     known = (shares > _NEAR).nonzero().flatten()  # NaN is not
     if not len(known):
         raise ValueError("a view must have a known pose near a waypoint, got none")
-    # The draws of the caller stay as they are.
-    with torch.random.fork_rng(devices=[]), torch.enable_grad():
-        torch.manual_seed(rules.seed)
-        network = PlaceNetwork(len(waypoints), embeddings.shape[1])
-        network.scale_by(embeddings[known].float())
-        optimizer = AdamW(
-            network.parameters(), lr=rules.lr, weight_decay=rules.weight_decay
-        )
-        schedule = OneCycleLR(optimizer, rules.lr, total_steps=rules.updates)
-        for _ in tqdm(range(rules.updates), desc="places", unit="update", leave=False):
-            drawn = known[torch.randint(len(known), (rules.views,))]
-            apart = decisions_apart(poses[drawn].unsqueeze(1), waypoints, turn)
-            wanted = (-0.5 * (apart / rules.spread).square()).softmax(1)
-            loss = F.cross_entropy(network(embeddings[drawn].float()), wanted)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-    return network.eval()
+    return known

@@ -110,3 +110,16 @@ def test_a_bad_rule_is_one_sentence(name, value) -> None:
         BeliefRules(**{name: value})
     with pytest.raises(ValueError, match="spread must be above 0, got 0"):
         BeliefRules(spread=0)
+
+
+def test_a_view_may_be_beside_the_waypoint_that_it_is_near() -> None:
+    # Two steps to the north of the waypoint at 10, and turned by 40 degrees.
+    offsets = torch.zeros(1, len(WAYPOINTS), 3)
+    offsets[0, 5] = torch.tensor([0.0, 2.0, 40.0])
+    plain, beside = make(), make()
+    for _ in range(5):
+        plain.update(act(2), see(5))
+        beside.update(act(2), see(5), offsets)
+    assert plain.estimate()[0, 1].item() == pytest.approx(0, abs=0.7)
+    assert beside.estimate()[0, 1].item() == pytest.approx(2, abs=0.7)
+    assert beside.estimate()[0, 2].item() % 360 == pytest.approx(40, abs=8)

@@ -56,6 +56,7 @@ def make(
     seed=0,
     poses=POSES,
     places=places,
+    offsets=None,
     ground=None,
     place_key=None,
     block_within=None,
@@ -81,6 +82,7 @@ def make(
             track=POSES[:, :2],
             effects=EFFECTS,
             places=places,
+            offsets=offsets,
             ground=ground,
         ),
         belief=BeliefRules(),
@@ -309,3 +311,24 @@ def test_a_map_without_poses_is_refused() -> None:
     )
     with pytest.raises(ValueError, match=rule):
         make(poses=some)
+
+
+def test_agent_and_goal_are_where_offsets_say() -> None:
+    # All views are a step to the east and two to the north of their waypoints.
+    beside = torch.tensor([1.0, 2.0, 0.0])
+
+    def offsets(embedding: torch.Tensor) -> torch.Tensor:
+        return beside.expand(len(embedding), len(POSES), 3)
+
+    data = reading([POSES[8].tolist()], [POSES[20, :2].tolist()], begins=True)
+    plain, moved = make(), make(offsets=offsets)
+    for navigator in (plain, moved):
+        for _ in range(5):
+            navigator(data.clone())
+            data["is_init"] = torch.zeros(1, 1, dtype=torch.bool)
+        data["is_init"] = torch.ones(1, 1, dtype=torch.bool)
+    torch.testing.assert_close(moved._goal - plain._goal, beside[None, :2])
+    away = moved._pose[0, :2] - plain._pose[0, :2]
+    assert (away - beside[:2]).norm() < 1.0
+    with pytest.raises(ValueError, match=r"offsets must return \[N, W, X\], got"):
+        make(offsets=lambda embedding: torch.zeros(len(embedding), 2))(data)

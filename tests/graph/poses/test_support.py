@@ -106,3 +106,21 @@ def test_the_best_supported_are_chosen_first_and_doubted_ones_where_none_is() ->
     chosen = choose_waypoints(poses, alike, **limits, support=support, least=0.0)
     assert chosen.tolist() == [1, 2, 3]
     assert choose_waypoints(poses, alike, **limits).tolist() == [0, 2, 3]
+
+
+def test_of_those_with_much_the_same_support_the_first_is_chosen() -> None:
+    limits = {"within": 4.0, "above": 0.6, "turn": 20.0}
+    # At one spot; 0.3 / 0.1 is a little less than 3.
+    support = np.array([0.2, 0.32, 0.3, 0.39])
+    poses = np.zeros((4, 3))
+
+    def chosen(step):
+        given = {**limits, "support": support, "step": step}
+        return choose_waypoints(poses, same, **given).tolist()
+
+    assert chosen(0.0) == [3]
+    assert chosen(0.1) == [1]  # 2, 3, 3 and 3 times 0.1
+    assert chosen(0.5) == [0]  # none has 0.5
+    support = np.array([0.32, 0.3])[::-1]
+    poses = poses[:2]
+    assert chosen(0.1) == [0]

@@ -22,7 +22,8 @@ class BeliefRules:
     """How a belief follows actions and views. Lengths are decisions in free space."""
 
     poses: int = 200  # of each agent
-    #: Standard deviation of the distance from a waypoint to a pose that it speaks for.
+    #: Standard deviation of the distance from where a view says that it is to a pose
+    #: that it speaks for.
     spread: float = 1.5
     floor: float = 0.02  # likelihood of any view at any pose
     #: Exponent of likelihoods, since successive views say nearly the same.
@@ -85,18 +86,23 @@ class PoseBelief:
         """The agents of a mask, bool ``[N]``, may be anywhere."""
         self._is_new |= agents
 
-    def update(self, action: Tensor, chance: Tensor) -> None:
+    def update(
+        self, action: Tensor, chance: Tensor, offsets: Tensor | None = None
+    ) -> None:
         """Follow the last ``action`` ``[N]`` and the view that came after it.
 
-        ``chance`` ``[N, W]`` is that the view is at each waypoint.
+        ``chance`` ``[N, W]`` is that the view is at each waypoint, and ``offsets``
+        ``[N, W, 3]`` how far from each it then is, nothing by default.
         """
         rules, number = self.rules, self.rules.poses
         chance, nodes = chance.topk(min(_PLACES, chance.shape[1]))
         is_lost = torch.arange(number) < round(rules.lost * number)
         redrawn = (is_lost | self._is_new.unsqueeze(1)).unsqueeze(2)
-        poses = torch.where(redrawn, self._draw(nodes, chance), self._move(action))
-        near = self.waypoints[nodes].unsqueeze(1)
-        apart = decisions_apart(poses.unsqueeze(2), near, self.turn)
+        near = self.waypoints[nodes]
+        if offsets is not None:
+            near = near + offsets.gather(1, nodes.unsqueeze(2).expand_as(near))
+        poses = torch.where(redrawn, self._draw(near, chance), self._move(action))
+        apart = decisions_apart(poses.unsqueeze(2), near.unsqueeze(1), self.turn)
         speaks = (-0.5 * (apart / rules.spread).square()).exp() * chance.unsqueeze(1)
         likelihood = (speaks.sum(2) + rules.floor).pow(rules.power)
         drawn = self._multinomial(likelihood)
@@ -128,10 +134,10 @@ class PoseBelief:
         effects[..., :2] *= share.unsqueeze(2)
         return moved(self.poses, effects) + self._noise(_DRIFT)
 
-    def _draw(self, nodes: Tensor, chance: Tensor) -> Tensor:
+    def _draw(self, near: Tensor, chance: Tensor) -> Tensor:
         # Of a view that may be anywhere, chances can all be 0.
-        drawn = self._multinomial(chance + 1e-6)
-        return self.waypoints[nodes.gather(1, drawn)] + self._noise(_AROUND)
+        drawn = self._multinomial(chance + 1e-6).unsqueeze(2)
+        return near.gather(1, drawn.expand(-1, -1, 3)) + self._noise(_AROUND)
 
     def _multinomial(self, chance: Tensor) -> Tensor:
         return torch.multinomial(

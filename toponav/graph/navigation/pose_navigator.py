@@ -45,6 +45,9 @@ class PoseMap:
     effects: Tensor
     #: Embeddings ``[N, D]`` to logits of the waypoints ``[N, W]``: `PlaceNetwork`.
     places: Callable[[Tensor], Tensor]
+    #: Embeddings ``[N, D]`` to how far from each waypoint a view of it is, ``[N, W,
+    #: 3]``: `OffsetNetwork`; ``None`` takes it to be there.
+    offsets: Callable[[Tensor], Tensor] | None = None
     #: Embeddings ``[N, D]`` to logits ``[N, K, R]`` that the ground is free at `spots`
     #: before the agent: `GroundNetwork`; ``None`` where nothing says so.
     ground: Callable[[Tensor], Tensor] | None = None
@@ -167,14 +170,24 @@ class PoseNavigator(Navigator):
         chance, poses = self._chances(embedding), self.known.poses
         best = poses[chance.argmax(1)].unsqueeze(1)
         near = decisions_apart(best, poses, self.turn) < _AROUND
-        chance = chance * near
-        return chance @ poses[:, :2] / chance.sum(1, keepdim=True)
+        chance = (chance * near).unsqueeze(2)
+        offsets = self._offsets(embedding)
+        seen = poses if offsets is None else poses + offsets
+        return (chance * seen[..., :2]).sum(1) / chance.sum(1)
 
     def _chances(self, embedding: Tensor) -> Tensor:
         """How likely views ``[n, D]`` are at each waypoint, ``[n, W]``."""
         logits, number = self.known.places(embedding), len(self.known.poses)
         require_returned("places", logits, N=len(embedding), W=number)
         return logits.softmax(1).cpu()
+
+    def _offsets(self, embedding: Tensor) -> Tensor | None:
+        """How far from each waypoint views ``[n, D]`` of it are, ``[n, W, 3]``."""
+        if self.known.offsets is None:
+            return None
+        found, number = self.known.offsets(embedding), len(self.known.poses)
+        require_returned("offsets", found, N=len(embedding), W=number, X=3)
+        return found.cpu()
 
     def _restart(self, agents: Tensor) -> None:
         super()._restart(agents)
@@ -187,7 +200,8 @@ class PoseNavigator(Navigator):
         else:
             given = data[self.place_key].reshape(-1).cpu()
             chance = one_hot(given, len(self.known.poses)).float()
-        self.belief.update(self.sampler.last_action, chance)
+        offsets = self._offsets(embedding)
+        self.belief.update(self.sampler.last_action, chance, offsets)
         self._pose = self.belief.estimate()
         if self.place_key is not None:
             return super()._locate(embedding, data)

@@ -22,6 +22,8 @@ Alike = Callable[[Numbers, Numbers], Floats]
 _CHUNK = 2048
 #: Steps of the shortest edge.
 _LEAST = 1e-6
+#: What a multiple may lack of itself as it is divided.
+_EVEN = 1e-9
 
 
 def choose_waypoints(
@@ -33,6 +35,7 @@ def choose_waypoints(
     turn: float,
     support: Floats | None = None,
     least: float = 0.0,
+    step: float = 0.0,
 ) -> Numbers:
     """Those of W candidates that stand for all, in order.
 
@@ -50,6 +53,8 @@ def choose_waypoints(
         turn: degrees that the fastest action turns.
         support: of each candidate, ``[W]``; ``None`` takes them as they come.
         least: support below which a candidate is doubted.
+        step: supports are rounded down to multiples of it, so that of candidates that
+            have much the same the first comes first; 0 does not round.
 
     Examples:
         >>> poses = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, 60], [np.nan, 0, 0]])
@@ -64,9 +69,10 @@ def choose_waypoints(
     """
     if support is None:
         support = np.full(len(poses), np.inf)
+    rank = np.floor(support / step + _EVEN) if step else support
     is_open = np.atleast_1d(np.isfinite(poses).all(axis=1))
     is_chosen = np.zeros(len(poses), bool)
-    for number in np.argsort(-support, kind="stable").tolist():
+    for number in np.argsort(-rank, kind="stable").tolist():
         if not is_open[number]:
             continue
         apart = decisions_apart(poses[number], poses, turn)

@@ -17,6 +17,7 @@ class SupportRules:
     most: int = 24  # of these, drawn by chance
     doubt: float = 2.0  # views unlike the candidate that are added to those asked
     least: float = 0.4  # support below which a candidate is doubted
+    step: float = 0.2  # supports less apart count as one, so that the first comes first
     seed: int = 0  # of the draw
 
 
