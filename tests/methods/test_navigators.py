@@ -247,11 +247,14 @@ def test_it_sees_the_ground_if_it_is_told_to_and_its_map_can(posed: Path) -> Non
     knowledge, truth = load_exploration(seeing)
     make = make_policies
     assert make(plain, knowledge, truth)["navigator"].known.ground is None
-    ground = make(seeing, knowledge, truth)["navigator"].known.ground
-    assert ground is knowledge.ground is not None
+    known, senses = make(seeing, knowledge, truth)["navigator"].known, knowledge.senses
+    assert known.ground is senses.ground is not None
+    assert known.offsets is senses.offsets is not None
+    assert known.places is senses.places
     rule = "navigator.see_ground must be false for a run of an earlier version"
+    without = replace(knowledge, senses=replace(senses, ground=None))
     with pytest.raises(SettingsError, match=rule):
-        make(seeing, replace(knowledge, ground=None), truth)
+        make(seeing, without, truth)
 
 
 def test_its_plans_go_by_what_a_practice_showed(posed: Path, tmp_path: Path) -> None:
