@@ -39,13 +39,13 @@ def read_knowledge(run: Path) -> AgentKnowledge:
 
 def draw(knowledge: AgentKnowledge, *, number: int, seed: int) -> Figure:
     """Views and what is seen in them, ``number`` pairs."""
-    assert knowledge.senses is not None
-    assert knowledge.senses.ground is not None
+    assert knowledge.map_networks is not None
+    assert knowledge.map_networks.ground is not None
     waypoints = knowledge.map.waypoints
     draws = torch.Generator().manual_seed(seed)
     chosen = torch.randperm(len(waypoints), generator=draws)[:number].tolist()
     with torch.no_grad():
-        chance = knowledge.senses.ground(waypoints.embeddings[chosen]).sigmoid()
+        chance = knowledge.map_networks.ground(waypoints.embeddings[chosen]).sigmoid()
     rows = -(-number // _COLUMNS)
     figure = Figure(figsize=(2.6 * _COLUMNS, 3.1 * rows), layout="constrained")
     parts = figure.subplots(2 * rows, _COLUMNS, squeeze=False)
@@ -81,7 +81,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     knowledge = read_knowledge(options.run)
-    if knowledge.senses is None or knowledge.senses.ground is None:
+    if knowledge.map_networks is None or knowledge.map_networks.ground is None:
         parser.error(f"run must have a map that sees the ground, got '{options.run}'")
     save_figure(draw(knowledge, number=options.number, seed=options.seed), options.out)
 

@@ -217,7 +217,7 @@ def roofs(
 
 
 def map_parts(finished: Path, *, rate: float) -> dict[str, float]:
-    """Seconds on all cores of a map by poses and of the network of its places."""
+    """Seconds on all cores of a map by poses, and of its places and offsets."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "run"
         shutil.copytree(finished, copy, ignore=shutil.ignore_patterns("logs"))

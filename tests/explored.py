@@ -14,7 +14,7 @@ from toponav.builders import (
     POSES_FILE,
     AgentKnowledge,
     GroundTruth,
-    MapSenses,
+    MapNetworks,
     load_networks,
     make_layout,
     make_networks,
@@ -126,11 +126,11 @@ def write_map(
         state["headings"] = heading + 90
         own = torch.cat([state["positions"], state["headings"].unsqueeze(1)], 1)
         known = embeddings, own, own, motion.turn
-        senses = MapSenses(
+        map_networks = MapNetworks(
             train_places(*known, PlaceRules(updates=60, views=32)),
             train_offsets(*known, OffsetRules(updates=60, views=32)),
             train_ground(embeddings, own, GroundRules(updates=20, views=32)),
         )
-        save_places(senses, folder / PLACES_FILE)
+        save_places(map_networks, folder / PLACES_FILE)
     save_map(state, folder / MAP_FILE)
     np.save(folder / POSES_FILE, np.asarray(true))

@@ -247,12 +247,13 @@ def test_it_sees_the_ground_if_it_is_told_to_and_its_map_can(posed: Path) -> Non
     knowledge, truth = load_exploration(seeing)
     make = make_policies
     assert make(plain, knowledge, truth)["navigator"].known.ground is None
-    known, senses = make(seeing, knowledge, truth)["navigator"].known, knowledge.senses
-    assert known.ground is senses.ground is not None
-    assert known.offsets is senses.offsets is not None
-    assert known.places is senses.places
+    known = make(seeing, knowledge, truth)["navigator"].known
+    given = knowledge.map_networks
+    assert known.ground is given.ground is not None
+    assert known.offsets is given.offsets is not None
+    assert known.places is given.places
     rule = "navigator.see_ground must be false for a run of an earlier version"
-    without = replace(knowledge, senses=replace(senses, ground=None))
+    without = replace(knowledge, map_networks=replace(given, ground=None))
     with pytest.raises(SettingsError, match=rule):
         make(seeing, without, truth)
 

@@ -64,7 +64,7 @@ from toponav.builders.networks import (
 )
 from toponav.builders.places import (
     PLACES_FILE as PLACES_FILE,
-    MapSenses as MapSenses,
+    MapNetworks as MapNetworks,
     load_places as load_places,
     save_places as save_places,
 )

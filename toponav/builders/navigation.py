@@ -16,7 +16,7 @@ from toponav.builders.collection import collect_rollout
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
-from toponav.builders.places import PLACES_FILE, MapSenses, load_places
+from toponav.builders.places import PLACES_FILE, MapNetworks, load_places
 from toponav.builders.processes import seed_of
 from toponav.config import (
     MazeConfig,
@@ -55,7 +55,7 @@ class AgentKnowledge:
     networks: Networks  # in eval() mode
     map: TopologicalMap  # built while exploring
     #: Say what a view means on the map, if its waypoints have poses.
-    senses: MapSenses | None = None
+    map_networks: MapNetworks | None = None
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ def load_exploration(
             "(was its layout changed?)"
         ) from error
     truth = GroundTruth(poses, layout, distances)
-    senses = _load_places(folder, topological_map.num_waypoints, about)
-    return AgentKnowledge(world, networks, topological_map, senses), truth
+    map_networks = _load_places(folder, topological_map.num_waypoints, about)
+    return AgentKnowledge(world, networks, topological_map, map_networks), truth
 
 
 def load_knowledge(folder: Path, world: WorldSpec) -> AgentKnowledge:
@@ -150,7 +150,7 @@ def _load_map(
 
 def _load_places(
     folder: Path, num_places: int, about: Mapping[str, str]
-) -> MapSenses | None:
+) -> MapNetworks | None:
     if (path := find_beside(folder, PLACES_FILE, about)) is None:
         return None
     return load_places(path, num_places=num_places, setting="run")

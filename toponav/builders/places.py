@@ -1,4 +1,4 @@
-"""The file of what views say on one map: `MapSenses`."""
+"""The file of what views say on one map: `MapNetworks`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ _Module = TypeVar("_Module", bound=nn.Module)
 
 
 @dataclass(frozen=True)
-class MapSenses:
+class MapNetworks:
     """Networks that say what a view means on one map, in ``eval()`` mode."""
 
     places: PlaceNetwork
@@ -29,21 +29,21 @@ class MapSenses:
     ground: GroundNetwork | None = None
 
 
-def save_places(senses: MapSenses, path: Path) -> None:
+def save_places(networks: MapNetworks, path: Path) -> None:
     """Write the networks into one file, atomically."""
     # As the first version wrote it, which knew places alone.
-    places = senses.places
+    places = networks.places
     sizes = {name: getattr(places, name) for name in _PLACE_SIZES}
     found: dict[str, Any] = {**_HEADER, **sizes, "weights": places.state_dict()}
     for name, names in (("offsets", _PLACE_SIZES), ("ground", _GROUND_SIZES)):
-        network = getattr(senses, name)
+        network = getattr(networks, name)
         if network is not None:
             found[f"{name}_sizes"] = {size: getattr(network, size) for size in names}
             found[name] = network.state_dict()
     save_atomically(found, path)
 
 
-def load_places(path: Path, *, num_places: int, setting: str) -> MapSenses:
+def load_places(path: Path, *, num_places: int, setting: str) -> MapNetworks:
     """Read what `save_places` wrote.
 
     An earlier version wrote no `OffsetNetwork`, and one before it no `GroundNetwork`.
@@ -58,7 +58,7 @@ def load_places(path: Path, *, num_places: int, setting: str) -> MapSenses:
         require(given == num_places, f"{rule}waypoints of its map", given)
         places = PlaceNetwork(given, other[0], hidden=other[1])
         places.load_state_dict(state["weights"])
-        return MapSenses(
+        return MapNetworks(
             places.eval(),
             _load(state, "offsets", OffsetNetwork, _PLACE_SIZES),
             _load(state, "ground", GroundNetwork, _GROUND_SIZES),

@@ -151,7 +151,7 @@ class _Views:
             turn=self.turn,
             support=support,
             least=rules.least,
-            step=rules.step,
+            rounding=rules.rounding,
         )
 
     def count_moves(self, kept: Numbers, within: float) -> Counter[tuple[int, int]]:

@@ -188,7 +188,10 @@ class GAEMixin:
     def _write_advantage(
         self, batch: TensorDictBase, state_value: Tensor, *, normalize: bool
     ) -> TensorDictBase:
-        """Write advantage, mean 0 and deviation 1 if told so, and value target."""
+        """Write advantage and value target, ``[*B, T, 1]``.
+
+        To ``normalize`` gives the advantage mean 0 and deviation 1.
+        """
         loss: Any = self
         advantage, value_target = bootstrapped_advantage(
             loss, batch, state_value, self._next_values

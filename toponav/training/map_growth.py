@@ -20,7 +20,7 @@ from toponav.builders import (
     PLACES_FILE,
     POSES_FILE,
     Consumer,
-    MapSenses,
+    MapNetworks,
     Networks,
     Novelty,
     World,
@@ -118,7 +118,7 @@ class MapGrowth(Consumer):
         #: after each batch.
         self.growth = [(0, 0)]
         # What views say on the last map.
-        self.senses: MapSenses | None = None
+        self.map_networks: MapNetworks | None = None
         self.rows: list[Row] = []
         places = () if self.truth is None else (keys.POSITION, keys.HEADING)
         # A goal's reward says that the agent was put elsewhere.
@@ -216,7 +216,7 @@ class MapGrowth(Consumer):
         assert self.effects is not None
         turn = fastest_turn(self.effects)
         known = embeddings, poses, self.map.waypoints.poses, turn
-        self.senses = MapSenses(
+        self.map_networks = MapNetworks(
             train_places(*known, PlaceRules(seed=self.seed)),
             train_offsets(*known, OffsetRules(seed=self.seed)),
             train_ground(embeddings, poses, GroundRules(seed=self.seed)),
@@ -259,7 +259,7 @@ class MapGrowth(Consumer):
             self.map.edge_cost.amin(1),
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
-            self.senses,
+            self.map_networks,
         )
 
     def _write(self, folder: Path, now: Snapshot) -> None:
@@ -272,8 +272,8 @@ class MapGrowth(Consumer):
             lengths = self.truth.lengths(now)
             row |= self.truth.measure(now, lengths, self.pretraining_decisions)
             write_array(next_path(folder / POSES_FILE), now.poses)
-        if now.senses is not None:
-            save_places(now.senses, next_path(folder / PLACES_FILE))
+        if now.networks is not None:
+            save_places(now.networks, next_path(folder / PLACES_FILE))
         self.rows.append(row)
         write_history(folder / "map.csv", self.rows)
         about = {"maze": self.name} | name_contents(folder)

@@ -10,7 +10,7 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from toponav.builders import MapSenses, World
+from toponav.builders import MapNetworks, World
 from toponav.graph import decode_view, walking_costs
 from toponav.ground_truth import GroundTruthDistances, WaypointPoses, require_motion
 from toponav.metrics import FALSE_EDGE_CELLS, covered_cells, edge_lengths, map_quality
@@ -28,7 +28,7 @@ class Snapshot:
     cost: Tensor  # of the edges, in the cheaper direction
     poses: Tensor
     decisions_to_cover: float
-    senses: MapSenses | None = None  # what views say on it, if it has poses
+    networks: MapNetworks | None = None  # what views say on it, if it has poses
 
     def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
         """Views of some waypoints by their numbers, where there are any."""

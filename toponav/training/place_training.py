@@ -60,6 +60,9 @@ def train_places(
         waypoints: poses of the waypoints, ``[W, 3]``.
         turn: degrees that the fastest action turns.
         rules: how it learns.
+
+    Raises:
+        ValueError: if no view has a known pose near a waypoint.
     """
 
     def loss(network: PlaceNetwork, views: Tensor, drawn: Tensor) -> Tensor:
@@ -84,8 +87,8 @@ def train_offsets(
 
     Waypoints count as `train_places` lets a view belong to them. Poses of views are off
     by a step or so, each in another direction: the mean over views that look alike,
-    which the network learns, is nearer to where they were taken. Arguments are those of
-    `train_places`.
+    which the network learns, is nearer to where they were taken. Arguments, errors and
+    views that are left out are those of `train_places`.
 
     Reference:
         Beyond the paper. Classes with offsets beside them: Mousavian et al., "3D

@@ -114,8 +114,8 @@ def test_of_those_with_much_the_same_support_the_first_is_chosen() -> None:
     support = np.array([0.2, 0.32, 0.3, 0.39])
     poses = np.zeros((4, 3))
 
-    def chosen(step):
-        given = {**limits, "support": support, "step": step}
+    def chosen(rounding):
+        given = {**limits, "support": support, "rounding": rounding}
         return choose_waypoints(poses, same, **given).tolist()
 
     assert chosen(0.0) == [3]

@@ -45,8 +45,8 @@ class PoseMap:
     effects: Tensor
     #: Embeddings ``[N, D]`` to logits of the waypoints ``[N, W]``: `PlaceNetwork`.
     places: Callable[[Tensor], Tensor]
-    #: Embeddings ``[N, D]`` to how far from each waypoint a view of it is, ``[N, W,
-    #: 3]``: `OffsetNetwork`; ``None`` takes it to be there.
+    #: Embeddings ``[N, D]`` to how far from each waypoint a view near it is, ``[N, W,
+    #: 3]``, steps, steps and degrees: `OffsetNetwork`; ``None`` takes it to be at it.
     offsets: Callable[[Tensor], Tensor] | None = None
     #: Embeddings ``[N, D]`` to logits ``[N, K, R]`` that the ground is free at `spots`
     #: before the agent: `GroundNetwork`; ``None`` where nothing says so.
@@ -58,9 +58,9 @@ class PoseNavigator(Navigator):
 
     As `Navigator`, but for three things:
 
-    1. *localise*: it believes in poses, by its actions and by what its place network
-       says of its views (`PoseBelief`), and is at the waypoint nearest to where most of
-       them are; it is never lost;
+    1. *localise*: it believes in poses, by its actions and by what its networks of
+       places and offsets say of its views (`PoseBelief`), and is at the waypoint
+       nearest to where most of them are; it is never lost;
     2. *aim*: at the point of the path that is ``ahead`` steps away (`aim_along`), or
        where the view says that the ground on the way there is free (`aim_where_free`),
        and act by the pose alone (`steer`);
@@ -78,7 +78,7 @@ class PoseNavigator(Navigator):
     Args:
         map, embed, compare, rules, goal_reward, in_keys, place_key, one_hot, seed: as
             in `Navigator`, whose rules of targets and of lost agents do not apply.
-        known: poses, effects and place network.
+        known: poses, effects, and what views say.
         belief: how poses are followed.
         ahead: steps from the agent to the point of its path that it aims at.
         search: standard deviation, in steps, of where it looks for the goal.
@@ -182,7 +182,7 @@ class PoseNavigator(Navigator):
         return logits.softmax(1).cpu()
 
     def _offsets(self, embedding: Tensor) -> Tensor | None:
-        """How far from each waypoint views ``[n, D]`` of it are, ``[n, W, 3]``."""
+        """How far from each waypoint views ``[n, D]`` near it are, ``[n, W, 3]``."""
         if self.known.offsets is None:
             return None
         found, number = self.known.offsets(embedding), len(self.known.poses)

@@ -35,7 +35,7 @@ def choose_waypoints(
     turn: float,
     support: Floats | None = None,
     least: float = 0.0,
-    step: float = 0.0,
+    rounding: float = 0.0,
 ) -> Numbers:
     """Those of W candidates that stand for all, in order.
 
@@ -53,8 +53,8 @@ def choose_waypoints(
         turn: degrees that the fastest action turns.
         support: of each candidate, ``[W]``; ``None`` takes them as they come.
         least: support below which a candidate is doubted.
-        step: supports are rounded down to multiples of it, so that of candidates that
-            have much the same the first comes first; 0 does not round.
+        rounding: supports are rounded down to multiples of it, so that of candidates
+            that have much the same the first comes first; 0 does not round.
 
     Examples:
         >>> poses = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, 60], [np.nan, 0, 0]])
@@ -69,7 +69,7 @@ def choose_waypoints(
     """
     if support is None:
         support = np.full(len(poses), np.inf)
-    rank = np.floor(support / step + _EVEN) if step else support
+    rank = np.floor(support / rounding + _EVEN) if rounding else support
     is_open = np.atleast_1d(np.isfinite(poses).all(axis=1))
     is_chosen = np.zeros(len(poses), bool)
     for number in np.argsort(-rank, kind="stable").tolist():

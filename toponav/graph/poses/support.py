@@ -17,7 +17,8 @@ class SupportRules:
     most: int = 24  # of these, drawn by chance
     doubt: float = 2.0  # views unlike the candidate that are added to those asked
     least: float = 0.4  # support below which a candidate is doubted
-    step: float = 0.2  # supports less apart count as one, so that the first comes first
+    #: Supports are rounded down to multiples of it; of equal ones the first is first.
+    rounding: float = 0.2
     seed: int = 0  # of the draw
 
 

@@ -139,16 +139,16 @@ def _arguments(
     effects, poses = action_effects(knowledge.world), known.waypoints.poses
     rule = "navigator=poses must be given a map with poses, of an exploration with "
     rule += "map.poses=true (did you mean navigator=topological?)"
-    senses = knowledge.senses
-    require(senses is not None, rule, "a map without")
-    assert senses is not None
+    map_networks = knowledge.map_networks
+    require(map_networks is not None, rule, "a map without")
+    assert map_networks is not None
     assert effects is not None  # mazes have them
     ground = None
     if config.see_ground:
         rule = "navigator.see_ground must be false for a run of an earlier version, "
         rule += "whose map knows nothing of the ground"
-        require(senses.ground is not None, rule, "true")
-        ground = senses.ground
+        require(map_networks.ground is not None, rule, "true")
+        ground = map_networks.ground
     track = to_the_middle(poses[:, :2], width=config.width)
     if edges is None:
         cost = walking_costs(track, known.edges, known.graph.traversals)
@@ -169,8 +169,8 @@ def _arguments(
             poses=poses,
             track=track,
             effects=effects,
-            places=senses.places,
-            offsets=senses.offsets,
+            places=map_networks.places,
+            offsets=map_networks.offsets,
             ground=ground,
         ),
         "belief": config.belief(),
