@@ -423,7 +423,7 @@ def test_poses_leave_few_waypoints_at_the_end(
     apart = torch.cdist(own, own).fill_diagonal_(torch.inf)
     beside = apart.argmin(1)
     said = own[beside] + offsets[torch.arange(number), beside, :2]
-    assert (said - own).norm(dim=1).median() < 0.8 * apart.amin(1).median()
+    assert (said - own).norm(dim=1).median() < 0.9 * apart.amin(1).median()
     for name in ("offsets", "ground"):
         loaded, trained = getattr(networks, name), getattr(growth.map_networks, name)
         assert torch.equal(loaded(embeddings), trained(embeddings))
