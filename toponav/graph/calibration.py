@@ -127,10 +127,8 @@ def calibrate_share(
 
     Examples:
         >>> from types import SimpleNamespace
-        >>> def compare(one, many):
-        ...     return 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
-        >>> nearness = SimpleNamespace(prepare_memory=lambda memory: memory)
-        >>> nearness.compare_prepared = compare
+        >>> alike = lambda one, many: 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
+        >>> nearness = SimpleNamespace(prepare_memory=torch.clone, compare_prepared=alike)
         >>> walk = WalkWaypoints(torch.arange(24.0).unsqueeze(1), nearness)
         >>> found = calibrate_share([walk], target_share=0.25)
         >>> walk.times(found.threshold), found.achieved  # six of 24 views
@@ -205,10 +203,8 @@ def calibrate_map(
 
     Examples:
         >>> from types import SimpleNamespace
-        >>> def compare(one, many):
-        ...     return 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
-        >>> nearness = SimpleNamespace(prepare_memory=lambda memory: memory)
-        >>> nearness.compare_prepared = compare
+        >>> alike = lambda one, many: 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
+        >>> nearness = SimpleNamespace(prepare_memory=torch.clone, compare_prepared=alike)
         >>> walk = WalkWaypoints(torch.arange(40.0).unsqueeze(1), nearness)
         >>> rules = calibrate_map([walk], max_action_distance=10)
         >>> walk.times(rules.tc_threshold)  # one view in eight

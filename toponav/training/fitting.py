@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from toponav.modules import ScaledMLP
 
-Network = TypeVar("Network", bound=ScaledMLP)
+_Network = TypeVar("_Network", bound=ScaledMLP)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,14 +27,14 @@ class FitRules:
 
 
 def fit(
-    make: Callable[[], Network],
-    loss: Callable[[Network, Tensor, Tensor], Tensor],
+    make: Callable[[], _Network],
+    loss: Callable[[_Network, Tensor, Tensor], Tensor],
     embeddings: Tensor,
     views: Tensor,
     rules: FitRules,
     *,
     name: str,
-) -> Network:
+) -> _Network:
     """Make a network and train it on views that are drawn uniformly.
 
     Args:

@@ -92,8 +92,8 @@ class PoseBelief:
         """Follow the last ``action`` ``[N]`` and the view that came after it.
 
         ``chance`` ``[N, W]`` is that the view is near each waypoint, and ``offsets``
-        ``[N, W, 3]`` how far from it it then is, in steps, steps and degrees; 0 by
-        default.
+        ``[N, W, 3]`` are from there to where it then is, in steps, steps and degrees; 0
+        by default.
         """
         rules, number = self.rules, self.rules.poses
         chance, nodes = chance.topk(min(_PLACES, chance.shape[1]))
