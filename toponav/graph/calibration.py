@@ -128,8 +128,8 @@ def calibrate_share(
     Examples:
         >>> from types import SimpleNamespace
         >>> alike = lambda one, many: 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
-        >>> nearness = SimpleNamespace(prepare_memory=torch.clone, compare_prepared=alike)
-        >>> walk = WalkWaypoints(torch.arange(24.0).unsqueeze(1), nearness)
+        >>> tc = SimpleNamespace(prepare_memory=torch.clone, compare_prepared=alike)
+        >>> walk = WalkWaypoints(torch.arange(24.0).unsqueeze(1), tc)
         >>> found = calibrate_share([walk], target_share=0.25)
         >>> walk.times(found.threshold), found.achieved  # six of 24 views
         ([0, 4, 8, 12, 16, 20], 0.25)
@@ -204,8 +204,8 @@ def calibrate_map(
     Examples:
         >>> from types import SimpleNamespace
         >>> alike = lambda one, many: 1 - (one.unsqueeze(-2) - many).abs().sum(-1) / 20
-        >>> nearness = SimpleNamespace(prepare_memory=torch.clone, compare_prepared=alike)
-        >>> walk = WalkWaypoints(torch.arange(40.0).unsqueeze(1), nearness)
+        >>> tc = SimpleNamespace(prepare_memory=torch.clone, compare_prepared=alike)
+        >>> walk = WalkWaypoints(torch.arange(40.0).unsqueeze(1), tc)
         >>> rules = calibrate_map([walk], max_action_distance=10)
         >>> walk.times(rules.tc_threshold)  # one view in eight
         [0, 8, 16, 24, 32]
