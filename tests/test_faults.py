@@ -5,33 +5,39 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks import faults
+from tests.benchmarks.loading import load_benchmark
 
 
-def test_a_damaged_file_of_each_kind_is_found(tmp_path: Path) -> None:
+def test_a_damaged_file_of_each_kind_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = load_benchmark("fault_files", monkeypatch)
     torch.save({"a": torch.zeros(300)}, tmp_path / "a.pt")
     (tmp_path / "b.csv").write_text("a,b\n1,2\n")
     (tmp_path / "c.json").write_text("{}")
     (tmp_path / ".c.17.json").write_text("{")
-    assert faults.broken_files(tmp_path) == []
-    assert faults.temporary_files(tmp_path) == [".c.17.json"]
+    assert files.broken_files(tmp_path) == []
+    assert files.temporary_files(tmp_path) == [".c.17.json"]
     for name in ("a.pt", "b.csv", "c.json"):
         content = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(content[:-1])
     (tmp_path / "d.xyz").touch()
-    found = [name.partition(":")[0] for name in faults.broken_files(tmp_path)]
+    found = [name.partition(":")[0] for name in files.broken_files(tmp_path)]
     assert found == ["a.pt", "b.csv", "c.json", "d.xyz"]
 
 
 @pytest.mark.slow
-def test_explorations_and_tours_start_at_once(tmp_path: Path) -> None:
+def test_explorations_and_tours_start_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Six explorations and six tours in one directory: 12 folders, all whole.
 
     The long form has 24 tours, and explorations that share a pre-training.
     """
     few = ("collect.decisions=128", "maze.episode_length=16", "evaluate.episodes=1")
     explore = ("explore", "scale=smoke", "reward=coverage", "policy.hidden=16", *few)
-    found = faults.start_together(
+    together = load_benchmark("fault_together", monkeypatch)
+    found = together.start_together(
         tmp_path, [explore] * 6 + [("tour", "scale=smoke")] * 6
     )
     assert found["ended_well"] == 12, found["said"]

@@ -1,22 +1,27 @@
 """Some of the cases of benchmarks/fuzz.py: one sentence each, and none hangs."""
 
 import random
+from collections.abc import Iterator
+from types import ModuleType
 
 import pytest
 
-from benchmarks import fuzz
+from tests.benchmarks.loading import load_benchmark
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _recipes_are_loaded() -> None:
-    fuzz.prepare()
+@pytest.fixture(scope="module")
+def fuzz() -> Iterator[ModuleType]:
+    with pytest.MonkeyPatch.context() as patch:
+        module = load_benchmark("fuzz", patch)
+        module.prepare()
+        yield module
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "number"), [("layout", 140), ("settings", 8), ("file", 70)]
 )
-def test_bad_input_is_one_sentence(kind: str, number: int) -> None:
+def test_bad_input_is_one_sentence(fuzz: ModuleType, kind: str, number: int) -> None:
     kinds = [make.__name__ for make in fuzz.MAKERS]
     first = kinds.index(f"{kind}_case")
     found = fuzz.run_cases(range(first, number * len(kinds), len(kinds)))
@@ -25,13 +30,17 @@ def test_bad_input_is_one_sentence(kind: str, number: int) -> None:
 
 
 def test_a_case_that_raises_or_hangs_is_a_fault(
-    tmp_path, monkeypatch: pytest.MonkeyPatch
+    fuzz: ModuleType, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def case(run) -> str:
         return fuzz.outcome(fuzz.Case(0, "layout", "", run), tmp_path)[0]
 
     monkeypatch.setattr(fuzz, "LIMIT_S", 0.2)
+    cases = load_benchmark("fuzz_cases", monkeypatch)
+    assert fuzz.is_refusal("tour: seed must be at least 0, got -1\n")
+    # A name without a sentence says nothing.
+    assert not fuzz.is_refusal("tour: \n")
     assert case(lambda: fuzz.time.sleep(60)) == "hang"
     assert case(lambda: 1 / 0) == "traceback"
-    assert case(lambda: fuzz.require_same(False)) == "changed"
+    assert case(lambda: cases.require_same(False)) == "changed"
     assert case(lambda: random.random()) == "accepted"

@@ -92,8 +92,9 @@ def _refusal(error: Exception, name: str) -> str:
         if owners and " not in " in text:
             rule = f"'{key}' must go with {' or '.join(owners)}"
             return f"{rule}, got {group}={in_force[group]}"
-        if key not in known and not key.startswith("hydra."):
-            return unknown_setting(key, name, in_force)
+        unknown = unknown_setting(key, name, in_force)
+        if unknown and not key.startswith("hydra."):
+            return unknown
         if "is not a ListConfig" in text:
             return f"{key} must be a list such as [a,b], got something else"
         return f"{key}: {text.splitlines()[0].strip()}"

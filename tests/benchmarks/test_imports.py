@@ -5,7 +5,11 @@ import pytest
 from tests.benchmarks.loading import FOLDER, load_benchmark
 
 #: What other benchmarks are made of; they cannot be run by themselves.
-PARTS = ("sanity_games", "sanity_tasks")
+PARTS = (
+    *("fault_files", "fault_kills", "fault_place", "fault_runs", "fault_together"),
+    *("fuzz_cases", "fuzz_damage", "fuzz_files", "fuzz_layouts", "fuzz_maps"),
+    *("fuzz_settings", "sanity_games", "sanity_tasks"),
+)
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
 
 

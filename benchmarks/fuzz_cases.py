@@ -1,0 +1,41 @@
+"""A case of `fuzz`, and how the process that runs it may end."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+ROOT = Path(__file__).resolve().parent.parent
+#: Exit statuses of a child: read as another thing, accepted, refused by an error.
+CHANGED, ACCEPTED, RAISED = 70, 71, 72
+
+
+class Accepted(BaseException):
+    """A recipe came to where it would start engines."""
+
+
+@dataclass
+class Case:
+    """What is tried, in words, and how; ``folder`` must not be left by a refusal."""
+
+    number: int
+    kind: str
+    what: str
+    run: Callable[[], object]
+    folder: Path | None = None
+
+
+def same_value(one: Any, other: Any) -> bool:
+    """Whether two entries of a map are equal; NaN equals NaN."""
+    if isinstance(one, torch.Tensor):
+        return torch.equal(torch.nan_to_num(one), torch.nan_to_num(other))
+    return bool(one == other)
+
+
+def require_same(same: bool) -> None:
+    """End the child process as ``changed`` if what was read is another thing."""
+    if not same:
+        os._exit(CHANGED)
