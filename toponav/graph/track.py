@@ -39,6 +39,7 @@ class Track:
         return self.recent[-1] if self.recent else -1
 
     def append(self, piece: Piece, lookahead: int) -> None:
+        """Add a piece; all but its last ``lookahead`` frames can then be decided."""
         self.frames = torch.cat([self.frames, piece.embeddings])
         if self.images is not None and piece.images is not None:
             self.images = torch.cat([self.images, piece.images])
@@ -61,6 +62,7 @@ class Track:
         self.oriented = True
 
     def drop_decided(self, context: int) -> None:
+        """Forget frames that are more than ``context`` before the next to decide."""
         start = max(self.cursor - context, 0)
         self.frames = self.frames[start:].clone()
         self.headings = self.headings[start:].clone()

@@ -20,7 +20,8 @@ class Views(Protocol):
 
     def __len__(self) -> int: ...
 
-    def append(self, view: Tensor) -> None: ...
+    def append(self, view: Tensor) -> None:
+        """Add the view of the next waypoint."""
 
     def read(self, first: int, last: int) -> Tensor:
         """Those from ``first`` to before ``last``, ``[N, H, W, 3]``."""
@@ -34,9 +35,11 @@ class Views(Protocol):
     def keep(self, kept: list[int]) -> None:
         """Drop all but these, which get new numbers."""
 
-    def state_dict(self) -> dict[str, Any]: ...
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint needs to have them again."""
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Have those of a checkpoint, and no others."""
 
 
 class ViewsInMemory:

@@ -29,6 +29,7 @@ class Binned:
 
     @property
     def centres(self) -> Tensor:
+        """The middle of each bin, ``[K]`` of K bins."""
         return (self.edges[1:] + self.edges[:-1]) / 2
 
 

@@ -43,6 +43,7 @@ class GaussianLinear(nn.Module):
 
     @property
     def deviation(self) -> Tensor:
+        """Standard deviations of the weights, ``[O, I + 1]``."""
         return F.softplus(self.rho)
 
     def forward(self, inputs: Tensor, noise: Tensor) -> Tensor:

@@ -76,14 +76,17 @@ class ViewSimilarity:
         self._lengths: dict[torch.Size, int] = {}
 
     def embed(self, views: Tensor) -> Tensor:
+        """Embeddings of views ``[N, ...]``, float32 ``[N, D]``."""
         return self._embed(views).float()
 
     def entries(self, embedding: Tensor) -> Tensor:
+        """What a memory keeps of embeddings ``[N, D]``, ``[N, P]``, to compare with."""
         if self._prepare is None:
             return embedding
         return self._prepare(embedding.unsqueeze(1)).squeeze(1)
 
     def compare(self, embedding: Tensor, memory: Tensor) -> Tensor:
+        """Similarities of embeddings ``[N, D]`` to M entries each, ``[N, M]``."""
         return self._compare(embedding, memory).float()
 
     def check(self, embedding: Tensor, similarity: Tensor | None = None) -> None:

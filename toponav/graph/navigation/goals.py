@@ -75,6 +75,7 @@ class GoalNodes:
         return late.any(1)
 
     def restart(self, agents: Tensor) -> None:
+        """The agents of a mask, bool ``[N]``, have not waited at their goals yet."""
         self._waited[agents] = 0
 
     def view_at(self, place: Tensor) -> Tensor:

@@ -24,6 +24,7 @@ class ActionSampler:
         self._is_new = torch.ones(num_agents, dtype=torch.bool)
 
     def forget(self, agents: Tensor) -> None:
+        """The views before these, of agents bool ``[N]``, were taken elsewhere."""
         self._is_new |= agents
 
     def draw(self, logits: Tensor, known: Tensor, embedding: Tensor) -> Tensor:
