@@ -84,6 +84,17 @@ def test_seeds_and_mazes_are_cells_of_their_own(tmp_path: Path) -> None:
         )
 
 
+def test_the_seeds_of_rows_can_be_fresh_ones(tmp_path: Path) -> None:
+    words = ["reproduce=smoke", f"runs={tmp_path}", "seeds=2", "first_seed=7"]
+    with reproducing(*words, "rows=[random reward]") as settings:
+        cells = plan_cells(settings)
+        assert [cell.seed for cell in cells] == [7, 8]
+        assert [cell.config.seed for cell in cells] == [7, 8]
+        # Each is the run that more seeds from 0 on would have.
+        many = plan_cells(replace(settings, seeds=9, first_seed=0))
+        assert [cell.key for cell in cells] == [cell.key for cell in many[7:]]
+
+
 def test_a_run_can_start_from_another(tmp_path: Path) -> None:
     words = ["reproduce=smoke", f"runs={tmp_path}", "rows=[random reward]", "seeds=2"]
     with reproducing(*words) as settings:

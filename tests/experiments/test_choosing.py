@@ -80,6 +80,9 @@ def test_every_draw_is_tried_in_all_mazes_of_the_choice(
     assert rates[4] == rates[5]
     assert 0.9 <= tries[4].config.loss.gamma <= 0.99
     assert plan_tries(replace(settings, tries=0)) == []
+    # Whatever the seeds of the rows are, the draws are the same.
+    later = plan_tries(replace(settings, first_seed=5))
+    assert [cell.key for cell in later] == [cell.key for cell in tries]
     # A row that follows another one makes that one choose.
     alone = plan_tries(replace(settings, rows=["random, noise"]))
     assert [cell.key for cell in alone] == [cell.key for cell in tries[:4]]

@@ -104,6 +104,7 @@ class ReproduceConfig(Settings):
     experiment: ExperimentConfig = MISSING
     scale: str = one_of("smoke", "laptop", "paper")
     seeds: int = at_least(1)
+    first_seed: int = at_least(0)
     tries: int = at_least(0)
     most_mazes: int | None = at_least(1)
     rows: list[str] = MISSING

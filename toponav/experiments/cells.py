@@ -130,7 +130,8 @@ def _cells_of(
     names = {_FIRST: f"{row.label} (first run)", _POLICY: f"{row.label} (policy)"}
     lines = dict(_words_before(settings, row, words))
     configs = {mark: _compose(before, line, row.label) for mark, line in lines.items()}
-    for seed in range(settings.seeds):
+    first = settings.first_seed
+    for seed in range(first, first + settings.seeds):
         earlier = {
             mark: _make_cell(
                 settings, names[mark], "", before, line, seed, configs[mark], found

@@ -48,6 +48,7 @@ def plan_tries(settings: ReproduceConfig) -> list[Cell]:
             experiment=tried,
             rows=[row.label for row in rows],
             seeds=settings.tries,
+            first_seed=0,
             most_mazes=None,
         )
     )
