@@ -11,7 +11,7 @@ from toponav.graph.poses.frames import decisions_apart
 
 @dataclass(frozen=True, kw_only=True)
 class SupportRules:
-    """Which views are asked and what they count; see *Support* in results/README.md."""
+    """Which views are asked and what they count; see *Support* in results/maps.md."""
 
     within: float = 2.0  # decisions, in free space, up to which a view is asked
     most: int = 24  # of these, drawn by chance
