@@ -23,8 +23,7 @@ from tqdm import tqdm
 
 from toponav.envs import MazeEnv, load_maze
 from toponav.keys import FRAME_STACK
-from toponav.methods.rewards.grey_stack import GreyStack
-from toponav.methods.rewards.icm import IntrinsicCuriosity
+from toponav.methods.rewards import GreyStack, IntrinsicCuriosity
 
 SIZE, FRAMES, ENVS = (42, 42), 4, 16
 #: Weight of the forward model's loss, largest norm of a gradient: those of conf/reward.

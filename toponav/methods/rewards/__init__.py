@@ -10,6 +10,7 @@ from toponav.methods.rewards.ex2 import (
 )
 from toponav.methods.rewards.exemplars import AmortisedExemplars as AmortisedExemplars
 from toponav.methods.rewards.extrinsic import ExtrinsicMethod
+from toponav.methods.rewards.grey_stack import GreyStack as GreyStack
 from toponav.methods.rewards.icm import (
     ICMMethod,
     IntrinsicCuriosity as IntrinsicCuriosity,
