@@ -23,11 +23,3 @@ def test_the_list_links_a_page_that_speaks_of_it(group: str, name: str) -> None:
     (page,) = [file for names, file in links if name in names.split(", ")]
     text = (FOLDER / page).read_text(encoding="utf-8")
     assert re.search(rf"`{group}={name}`|`{name}`|{group}={name}\b", text)
-
-
-@pytest.mark.parametrize(
-    "page", sorted(FOLDER.glob("*.md")), ids=lambda path: path.stem
-)
-def test_links_of_pages_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
-        assert (page.parent / target).exists(), target

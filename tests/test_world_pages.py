@@ -50,17 +50,3 @@ def test_the_command_of_a_page_makes_its_world(world: str) -> None:
     has_positions = any(word.startswith("world.position") for word in words)
     assert has_positions == (world != "atari")
     assert (POSITION in played.keys(True)) == has_positions
-
-
-@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.stem)
-def test_links_of_pages_lead_somewhere(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    for target, part in re.findall(r"\]\(([^)#:]*)(?:#([^)]*))?\)", text):
-        file = page.parent / target if target else page
-        assert file.exists(), target
-        if part:
-            heads = re.findall(r"^#+ (.+)$", file.read_text("utf-8"), re.MULTILINE)
-            anchors = [
-                re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads
-            ]
-            assert part in anchors, f"{target}#{part}"
