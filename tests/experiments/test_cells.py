@@ -1,5 +1,6 @@
 """An experiment becomes runs: which there are, and which settings they have."""
 
+import copy
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -7,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from tests.experiments.planning import CONF, reproducing
+from tests.experiments.test_choosing import finish
 from tests.experiments.test_found_runs import save
-from toponav.config import RowConfig, SettingsError
+from toponav.config import ExperimentConfig, ReproduceConfig, RowConfig, SettingsError
 from toponav.experiments import (
+    Cell,
     announce,
     missing_cells,
     plan_cells,
@@ -23,6 +26,11 @@ from toponav.reports import SCRIPTED, require_columns
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 #: Rows that were composed already: several tables share them.
 SEEN: set[tuple[str, ...]] = set()
+
+
+def with_rows(settings: ReproduceConfig, rows: list[RowConfig]) -> ExperimentConfig:
+    """The experiment with other rows."""
+    return replace(settings.experiment, rows=rows)
 
 
 def kind(row: RowConfig) -> tuple[str, ...]:
@@ -117,6 +125,47 @@ def test_a_run_can_start_from_another(tmp_path: Path) -> None:
         again = plan_cells(replace(settings, experiment=experiment))
         assert again[1].first.folder == tmp_path / "elsewhere"
         assert again[1].key == cells[1].key
+
+
+def test_the_main_job_is_a_run_of_a_row_without_a_map(tmp_path: Path) -> None:
+    with reproducing("reproduce=smoke", f"runs={tmp_path}") as settings:
+        first = RowConfig(
+            label="tuned",
+            overrides=["reward=random", "pretrained={first}", "map.grow=false"],
+            first=["maze=select", "reward=novelty", "map.grow=false"],
+        )
+        plain_row = RowConfig(
+            label="novelty", overrides=["reward=novelty", "map.grow=false"]
+        )
+        rows = [plain_row, replace(first, against="novelty")]
+        given = replace(settings, most_mazes=1, experiment=with_rows(settings, rows))
+        novelty, tuned = plan_cells(given)
+
+        def make(cell: Cell, name: str, *words: str) -> Path:
+            """A run with a map, whose other settings are those of a cell."""
+            config = copy.deepcopy(cell.config)
+            config.map.grow, config.locomotion.learn = True, None
+            config.merge_with_dotlist([*words])
+            made = replace(cell, folder=tmp_path / name, config=config)
+            finish(made, 0.5)
+            (made.folder / "networks.pt").touch()
+            return made.folder
+
+        for number, words in enumerate((["seed=1"], ["map.tc_threshold=0.1"])):
+            make(novelty, f"other {number}", *words)
+        # One that others start from is known to them by its own settings.
+        make(tuned.first, "select")
+        main = make(novelty, "main")
+        (tmp_path / "main" / "metrics.csv").rename(tmp_path / "metrics.csv")
+        assert plan_cells(given)[0].folder == novelty.folder
+        (tmp_path / "metrics.csv").rename(tmp_path / "main" / "metrics.csv")
+        found, later = plan_cells(given)
+        assert (found.folder, found.key) == (main, novelty.key)
+        assert found.results == main
+        assert later.first.folder == tuned.first.folder
+        # One that was made for the row comes first.
+        finish(novelty, 0.6)
+        assert plan_cells(given)[0].folder == novelty.folder
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from tests.experiments.planning import reproducing
 from toponav.builders import pretraining_folder
 from toponav.config import ReproduceConfig
 from toponav.experiments import Cell, plan_cells
-from toponav.experiments.groups import _decisions_before, explore_settings
+from toponav.experiments.decisions_before import decisions_before, explore_settings
 
 #: Rows of each way to come by networks or none.
 ROWS = {
@@ -60,7 +60,7 @@ def test_rows_get_as_many_decisions_as_each_other(
                 pretend_pretraining(one, settings)
             explored = explore_settings(cell)
             # Those of select, where a policy began, are said in the table's remarks.
-            all_in = explored.collect.decisions + _decisions_before(cell)
+            all_in = explored.collect.decisions + decisions_before(cell)
             assert all_in == ALL[scale], cell.row
 
 

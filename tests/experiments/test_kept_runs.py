@@ -1,5 +1,6 @@
 """The tables of finished runs outlive the runs, and a table is made of them again."""
 
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from tests.experiments.planning import reproducing
 from tests.experiments.test_choosing import finish, small
 from tests.experiments.test_found_runs import save
 from tests.sweeps import make_pretraining
+from toponav.builders import pretraining_folder
 from toponav.config import ReproduceConfig, RowConfig
 from toponav.experiments import (
     Cell,
@@ -20,6 +22,7 @@ from toponav.experiments import (
     missing_sentences,
     plan_cells,
 )
+from toponav.experiments.decisions_before import decisions_before, explore_settings
 from toponav.experiments.found_runs import find_keys, is_finished
 from toponav.reports import explore_table
 
@@ -62,6 +65,41 @@ def test_a_table_is_made_again_of_what_is_kept(settings: ReproduceConfig) -> Non
     assert made.equals(table)
     # What is kept is nobody's run: others would look for its networks.
     assert find_keys(Path(settings.runs)) == {}
+
+
+def test_what_networks_learned_from_is_kept_with_the_run(
+    settings: ReproduceConfig, tmp_path: Path
+) -> None:
+    own = f"pretraining.folder={tmp_path}/pretrain"
+    row = RowConfig(label="novelty", overrides=["reward=novelty", own])
+    settings = replace(settings, experiment=replace(settings.experiment, rows=[row]))
+    (cell,) = plan_cells(settings)
+    finish(cell, 0.5)
+    pretrained = pretraining_folder(explore_settings(cell))
+    # Where the pre-training is not there any more, nobody knows.
+    keep_runs([cell])
+    assert math.isnan(decisions_before(cell))
+    (pretrained / "config").mkdir(parents=True)
+    (pretrained / "config" / "config.yaml").write_text("collect: {decisions: 98304}\n")
+    table = explore_table(make_groups(settings, [cell]), {}, draws=50)
+    assert decisions_before(cell) == 98304
+    # A copy of an earlier version learns of it, and a new one has it.
+    keep_runs([cell])
+    lose([cell, replace(cell, folder=pretrained)])
+    assert decisions_before(cell) == 98304
+    assert explore_table(make_groups(settings, [cell]), {}, draws=50).equals(table)
+    finish(cell, 0.5)
+    shutil.rmtree(cell.kept)
+    assert math.isnan(decisions_before(cell))
+    (pretrained / "config").mkdir(parents=True)
+    (pretrained / "config" / "config.yaml").write_text("collect: {decisions: 4096}\n")
+    keep_runs([cell])
+    lose([cell, replace(cell, folder=pretrained)])
+    assert decisions_before(cell) == 4096
+    # A damaged one is as good as none.
+    for text in ("", "[]", '{"decisions": null}', "{}"):
+        (cell.kept / "decisions_before.json").write_text(text)
+        assert math.isnan(decisions_before(cell))
 
 
 def test_half_a_copy_is_not_read(

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from toponav.config import (
 from toponav.experiments.found_runs import (
     OTHER_RUNS,
     find_keys,
+    find_mapped,
     is_finished,
     named_run,
     plain,
@@ -101,17 +102,18 @@ def plan_cells(settings: ReproduceConfig) -> list[Cell]:
     """All cells of an experiment, in the order of its rows, mazes and seeds.
 
     Runs are looked for in ``runs``; those that are not there get a folder whose name
-    has their key.
+    has their key. One with a map is a row's as well as one without.
 
     Raises:
         SettingsError: if a row has settings that its recipe refuses.
     """
-    found = find_keys(Path(settings.runs))
+    runs = Path(settings.runs)
+    found, mapped = find_keys(runs), find_mapped(runs)
     cells: list[Cell] = []
     for row in rows_of(settings):
         for given in mazes_of(settings, row):
             maze, words = maze_words(given)
-            cells += _cells_of(settings, row, maze, words, found)
+            cells += _cells_of(settings, row, maze, words, found, mapped)
     return cells
 
 
@@ -121,6 +123,7 @@ def _cells_of(
     maze: str,
     words: list[str],
     found: Mapping[str, Path],
+    mapped: Mapping[str, Path],
 ) -> Iterator[Cell]:
     """The cells of a row in a maze, one a seed."""
     recipe, base = settings.experiment.recipe, _base_words(settings)
@@ -138,9 +141,13 @@ def _cells_of(
             )
             for mark, line in lines.items()
         }
-        yield _make_cell(
+        cell = _make_cell(
             settings, row.label, maze, recipe, own, seed, config, found, earlier
         )
+        # Nothing starts from this one, which would know it by its own settings.
+        if cell.key in mapped and not is_finished(cell.folder):
+            cell = replace(cell, folder=mapped[cell.key])
+        yield cell
 
 
 def _words_before(

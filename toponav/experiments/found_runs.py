@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ _NOT_RESULTS = frozenset(
 #: Settings that name the run of others.
 OTHER_RUNS = ("pretrained", "init_from", "init_policy", "run", "navigator.policy")
 _RUN = "run "
+# The key of a run, by its recipe and its settings.
+_KeyOf = Callable[[str, Mapping[str, Any]], str]
 
 
 def run_key(recipe: str, settings: Mapping[str, Any]) -> str:
@@ -77,7 +79,9 @@ def named_run(key: str) -> str:
     return f"{_RUN}{key}"
 
 
-def read_keys(folders: list[Path]) -> Iterator[tuple[Path, str]]:
+def read_keys(
+    folders: list[Path], key_of: _KeyOf = run_key
+) -> Iterator[tuple[Path, str]]:
     """Folder and key of each of these folders that is a run with readable settings."""
     for folder in folders:
         saved = folder / "config"
@@ -89,7 +93,7 @@ def read_keys(folders: list[Path]) -> Iterator[tuple[Path, str]]:
                 read_yaml(saved / "hydra.yaml"), "hydra.job.config_name"
             )
             if recipe in ("explore", "pretrain", "navigate"):
-                yield folder, run_key(recipe, plain(read_yaml(saved / "config.yaml")))
+                yield folder, key_of(recipe, plain(read_yaml(saved / "config.yaml")))
 
 
 def plain(config: DictConfig) -> dict[str, Any]:
@@ -106,6 +110,31 @@ def find_keys(runs: Path) -> dict[str, Path]:
         if key not in found or (not is_finished(found[key]) and is_finished(folder)):
             found[key] = folder
     return found
+
+
+def find_mapped(runs: Path) -> dict[str, Path]:
+    """The finished explorations that grew a map, by their keys if they had grown none.
+
+    The map follows the agent and changes nothing of where it goes.
+    """
+    folders = sorted(folders_of_runs(runs, "runs"))
+    found = {key: folder for folder, key in read_keys(folders, _key_without_map) if key}
+    return {key: folder for key, folder in found.items() if is_finished(folder)}
+
+
+def _key_without_map(recipe: str, settings: Mapping[str, Any]) -> str:
+    """The key that an exploration would have without its map; empty for others."""
+    parts = {name: settings.get(name) for name in ("map", "locomotion")}
+    grown, learned = (
+        dict(part) if isinstance(part, Mapping) else {} for part in parts.values()
+    )
+    if recipe != "explore" or not grown.get("grow"):
+        return ""
+    without = {
+        "map": {**grown, "grow": False},
+        "locomotion": {**learned, "learn": False},
+    }
+    return run_key(recipe, {**settings, **without})
 
 
 def is_finished(folder: Path, *, networks: bool = True) -> bool:

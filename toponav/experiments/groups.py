@@ -6,18 +6,12 @@ from glob import escape
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
-from toponav.builders import make_layout, pretraining_decisions
-from toponav.config import (
-    ExploreConfig,
-    ReproduceConfig,
-    maze_words,
-    paper_figures,
-)
+from toponav.builders import make_layout
+from toponav.config import ReproduceConfig, maze_words, paper_figures
 from toponav.experiments.cells import KEPT, Cell, mazes_of, rows_of
+from toponav.experiments.decisions_before import decisions_before, explore_settings
 from toponav.experiments.kept_runs import copy_missing
-from toponav.methods import REWARDS, make_world
+from toponav.methods import make_world
 from toponav.reports import Group, baselines_file, scripted_rows
 
 
@@ -31,7 +25,7 @@ def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]
             own = [cell for cell in cells if (cell.row, cell.maze) == (row.label, maze)]
             found = {one.seed: one.results for one in own}
             runs = {seed: at for seed, at in found.items() if at is not None}
-            before = _decisions_before(own[0]) if runs else math.nan
+            before = decisions_before(own[0]) if runs else math.nan
             figures = paper.get((row.label, maze), {})
             group = Group(
                 *(row.label, maze, runs, len(own), before, row.against, figures),
@@ -46,29 +40,6 @@ def _num_maze_cells(cell: Cell) -> int | None:
     if cell.recipe != "explore" or cell.config.world.name != "maze":
         return None
     return make_layout(explore_settings(cell).maze).num_cells
-
-
-def _decisions_before(cell: Cell) -> float:
-    """Decisions that the networks of an exploration learned from before it."""
-    if cell.recipe != "explore":
-        return 0.0
-    config, first = explore_settings(cell), cell.first
-    if not REWARDS[config.reward.name].needs_networks and not config.pretrained:
-        return 0.0
-    if first is None or not config.pretrained:
-        return pretraining_decisions(config)
-    # The networks of the run that came first: those of its own pre-training, which its
-    # settings do not name.
-    learned = explore_settings(first)
-    more = learned.collect.decisions if learned.online.learn else 0
-    return _decisions_before(first) + more
-
-
-def explore_settings(cell: Cell) -> ExploreConfig:
-    """The settings of a cell that explores."""
-    found: Any = OmegaConf.to_object(cell.config)
-    assert isinstance(found, ExploreConfig)
-    return found
 
 
 def scripted_of(

@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from toponav.experiments.cells import Cell
+from toponav.experiments.decisions_before import keep_decisions_before
 from toponav.experiments.found_runs import is_finished
 from toponav.runs import replacing
 
@@ -21,9 +22,12 @@ _KEPT = (
 def keep_run(cell: Cell) -> None:
     """Copy the tables of a finished run to where it is kept, all of them or none.
 
-    What is kept already stays as it is: a table made again is the same.
+    What is kept already stays as it is: a table made again is the same. What its
+    networks learned from is added where an earlier version did not keep it.
     """
     kept = cell.kept
+    if kept is not None and cell.results == kept:
+        keep_decisions_before(cell, kept)
     if kept is None or cell.results == kept or not is_finished(cell.folder):
         return
     kept.parent.mkdir(parents=True, exist_ok=True)
@@ -31,6 +35,7 @@ def keep_run(cell: Cell) -> None:
         whole = Path(place) / kept.name
         for name in _KEPT:
             copy_missing(cell.folder, whole, name)
+        keep_decisions_before(cell, whole)
         # A damaged one, which no run is read from.
         shutil.rmtree(kept, ignore_errors=True)
         try:
