@@ -9,6 +9,7 @@ from tests.graph.poses.ring_world import EFFECTS, compare, walk
 from toponav.graph import MapRules, PoseRules, TopologicalMap, Trajectories, consolidate
 from toponav.graph.pieces import Piece
 from toponav.graph.poses import (
+    MoveRules,
     Poses,
     SupportRules,
     decisions_apart,
@@ -134,16 +135,31 @@ def test_waypoints_of_a_stretch_in_the_wrong_place_stay_where_none_other_is(
     assert beside_others(None) == 0
 
 
+def test_waypoints_that_hang_on_one_move_go() -> None:
+    one, _ = grown()
+    whole = consolidate(
+        one, EFFECTS, RULES, **LIMITS, move_rules=MoveRules(there_and_back=0)
+    ).kept.tolist()
+    other, _ = grown()
+    kept = consolidate(other, EFFECTS, RULES, **LIMITS).kept.tolist()
+    gone = [at for at, number in enumerate(whole) if number not in kept]
+    assert gone
+    assert set(kept) < set(whole)
+    ends = one.edges.flatten().tolist()
+    assert {ends.count(at) for at in gone} == {1}
+
+
 def test_a_waypoint_that_no_move_joins_goes(monkeypatch) -> None:
     def without_the_first(moves, *rest):
         moves = trusted_moves(moves, *rest)
         return Counter({pair: moves[pair] for pair in moves if 0 not in pair})
 
+    limits = LIMITS | {"move_rules": MoveRules(there_and_back=0)}
     one, _ = grown()
-    whole = consolidate(one, EFFECTS, RULES, **LIMITS)
+    whole = consolidate(one, EFFECTS, RULES, **limits)
     monkeypatch.setattr("toponav.graph.consolidation.trusted_moves", without_the_first)
     other, _ = grown()
-    found = consolidate(other, EFFECTS, RULES, **LIMITS)
+    found = consolidate(other, EFFECTS, RULES, **limits)
     assert torch.equal(found.kept, whole.kept[1:])
     # The others keep their poses and edges, under numbers one lower.
     assert torch.equal(other.waypoints.poses, one.waypoints.poses[1:])

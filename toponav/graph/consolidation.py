@@ -16,6 +16,7 @@ from toponav.graph.poses import (
     SupportRules,
     choose_waypoints,
     count_moves,
+    drop_hanging,
     drop_unjoined,
     estimate_poses,
     fastest_turn,
@@ -98,7 +99,9 @@ def consolidate(
     if len(kept) < 2:
         return unchanged
     moves = views.count_moves(kept, within + _MARGIN)
-    moves = trusted_moves(moves, views.places[kept, :2], move_rules or MoveRules())
+    positions, rules_of_moves = views.places[kept, :2], move_rules or MoveRules()
+    moves = trusted_moves(moves, positions, rules_of_moves)
+    moves = drop_hanging(moves, positions, rules_of_moves)
     joined, moves = drop_unjoined(moves, len(kept))
     numbers = torch.from_numpy(kept[joined])
     chosen_poses = torch.from_numpy(views.places[numbers]).float()
