@@ -24,7 +24,7 @@ from toponav.reports.exploration_evaluation import (
     EVALUATION_SEED,
     Evaluation,
 )
-from toponav.runs import write_text
+from toponav.runs import locked, remove_halves_of, write_text
 from toponav.training import Row, make_coverage
 
 FRONTIER = "frontier"
@@ -49,25 +49,36 @@ def scripted_rows(
 
 
 def _frontier(settings: ExploreConfig, world: World, *, play: bool) -> list[Row]:
-    """The expert that knows the maze and goes to the nearest cell not yet visited."""
+    """The expert that knows the maze and goes to the nearest cell not yet visited.
+
+    Another process that plays the same episodes is waited for.
+    """
     file = baselines_file(settings, world)
     file = file.with_name(f"{file.stem}-{FRONTIER}.json")
-    content = baselines_content(settings, world)
+    content, rows = baselines_content(settings, world), None
+    if not play:
+        return _find(file, content) or []
+    with suppress(OSError), locked(file.with_name(f".{file.stem}.lock")):
+        remove_halves_of(file)
+        if (rows := _find(file, content)) is None:
+            rows, is_whole = _play(settings, world)
+            if is_whole:
+                write_text(file, json.dumps({"of": content, "rows": rows}, indent=1))
+    return rows or _play(settings, world)[0]
+
+
+def _find(file: Path, content: dict[str, object]) -> list[Row] | None:
+    """The rows that were kept; ``None`` without any, or if the file is damaged."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         found = json.loads(file.read_text(encoding="utf-8"))
         kept: list[Row] = found["rows"]
-        if found["of"] == content and len(kept) == settings.evaluate.random_episodes:
+        if found["of"] == content and len(kept) == content["episodes"]:
             return kept
-    if not play:
-        return []
-    rows = _play(settings, world)
-    with suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(Path(file), json.dumps({"of": content, "rows": rows}, indent=1))
-    return rows
+    return None
 
 
-def _play(settings: ExploreConfig, world: World) -> list[Row]:
+def _play(settings: ExploreConfig, world: World) -> tuple[list[Row], bool]:
+    """The rows, and whether no episode was cut short by the loss of an engine."""
     assert world.layout is not None
     seed = settings.evaluate.random_seed
 
@@ -92,4 +103,5 @@ def _play(settings: ExploreConfig, world: World) -> list[Row]:
         views=0,
     )[FRONTIER]
     one = Evaluation(FRONTIER, played.frames, played.views, keys.INTRINSIC_REWARD)
-    return one.rows()
+    cut = one.episodes["next", keys.TRUNCATED][:, :-1].any()
+    return one.rows(), not cut
