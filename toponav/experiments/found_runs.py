@@ -124,17 +124,11 @@ def find_mapped(runs: Path) -> dict[str, Path]:
 
 def _key_without_map(recipe: str, settings: Mapping[str, Any]) -> str:
     """The key that an exploration would have without its map; empty for others."""
-    parts = {name: settings.get(name) for name in ("map", "locomotion")}
-    grown, learned = (
-        dict(part) if isinstance(part, Mapping) else {} for part in parts.values()
-    )
-    if recipe != "explore" or not grown.get("grow"):
+    of_map, of_head = (settings.get(name) or {} for name in ("map", "locomotion"))
+    if recipe != "explore" or not of_map.get("grow"):
         return ""
-    without = {
-        "map": {**grown, "grow": False},
-        "locomotion": {**learned, "learn": False},
-    }
-    return run_key(recipe, {**settings, **without})
+    off = {"map": {**of_map, "grow": False}, "locomotion": {**of_head, "learn": False}}
+    return run_key(recipe, {**settings, **off})
 
 
 def is_finished(folder: Path, *, networks: bool = True) -> bool:
