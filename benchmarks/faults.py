@@ -25,9 +25,6 @@ once in one directory. Finished cases are kept in ``--work``, line by line in
 
 import argparse
 import json
-import os
-import platform
-import subprocess
 import sys
 import tempfile
 import time
@@ -36,11 +33,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import psutil
 from fault_kills import TARGETS, run_case
-from fault_place import ROOT
 from fault_runs import prepare
 from fault_together import run_together
+from made_by import commit, hardware
 from tqdm import tqdm
 
 FAULTS = ("hang", "traceback", "broken", "stray", "left", "resume")
@@ -99,24 +95,6 @@ def table(cases: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
             "started_again": resumes["again"],
         }
     return rows
-
-
-def hardware() -> dict[str, Any]:
-    """What it ran on."""
-    return {
-        "processor": platform.processor() or platform.machine(),
-        "cores": psutil.cpu_count(),
-        "memory_gb": round(psutil.virtual_memory().total / 1e9),
-        "load": [round(one, 1) for one in os.getloadavg()],
-    }
-
-
-def commit() -> str:
-    """The version of the code, with a mark if it has been changed since."""
-    git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-    return subprocess.run(
-        git, capture_output=True, text=True, check=False
-    ).stdout.strip()
 
 
 def main() -> None:

@@ -42,12 +42,14 @@ from fuzz_cases import ACCEPTED, CHANGED, RAISED, Accepted, Case
 from fuzz_files import file_case
 from fuzz_layouts import layout_case
 from fuzz_settings import KEYS, USUAL, leaves, settings_case
+from made_by import commit, hardware
+from tqdm import tqdm
 
 from toponav.config import SettingsError
 from toponav.graph import MapFileError
 
 #: Seconds and bytes of a case.
-LIMIT_S, LIMIT_BYTES = 30.0, 12 * 2**30
+LIMIT_S, LIMIT_BYTES = 60.0, 12 * 2**30
 GOOD, FAULTS = ("refused", "accepted"), ("traceback", "hang", "changed", "litter")
 MAKERS = (layout_case, settings_case, file_case)
 
@@ -148,7 +150,7 @@ def run_cases(numbers: Iterator[int] | range | list[int]) -> dict[str, Any]:
     faults, slowest = [], 0.0
     with tempfile.TemporaryDirectory(prefix="toponav-fuzz-") as folder:
         work = Path(folder)
-        for number in numbers:
+        for number in tqdm(numbers, unit="case", disable=None):
             case = make_case(number, work)
             started = time.monotonic()
             how, text = outcome(case, work)
@@ -158,7 +160,7 @@ def run_cases(numbers: Iterator[int] | range | list[int]) -> dict[str, Any]:
                 faults.append(
                     {"case": number, "how": how, "what": case.what, "said": text}
                 )
-                print(f"{number} {how}: {case.what}\n    {text[-300:]}", flush=True)
+                tqdm.write(f"{number} {how}: {case.what}\n    {text[-300:]}")
             for path in work.iterdir():
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
     total = Counter[str]()
@@ -189,7 +191,11 @@ def main() -> None:
     arguments = parser.parse_args()
     prepare()
     started = time.monotonic()
-    found = run_cases(arguments.only or range(arguments.cases))
+    found = {
+        "commit": commit(),
+        "hardware": hardware(),
+        **run_cases(arguments.only or range(arguments.cases)),
+    }
     found["minutes"] = round((time.monotonic() - started) / 60, 1)
     print(
         json.dumps({name: found[name] for name in found if name != "faults"}, indent=1)

@@ -10,7 +10,7 @@ from typing import Any
 from fuzz_cases import ROOT, Accepted, Case
 from omegaconf import OmegaConf
 
-from toponav import reports, training
+from toponav import experiments, reports, training
 
 NUMBERS = (
     *("-1", "0", "1", "2", "1000000", "99999999999999999999", "-99999999999999999999"),
@@ -59,15 +59,15 @@ USUAL: dict[str, list[str]] = {
     "pretrain": ["model.embedding_dim=8"],
     "tour": [],
     "navigate": ["maze=maze1"],
+    "practise": ["run=/nowhere"],
     "report": ["folder=/nowhere"],
+    "reproduce": ["rows=[novelty]", "most_mazes=1", "seeds=1", "tries=0"],
 }
 
 
 def settings_case(number: int, draw: random.Random, work: Path) -> Case:
     """A command line with one to three settings that are not usual."""
-    recipe = draw.choice(
-        ["explore", "explore", "pretrain", "tour", "navigate", "report"]
-    )
+    recipe = draw.choice(["explore", *USUAL])
     keys = KEYS[recipe]
     words = []
     for _ in range(draw.choice([1, 1, 2, 3])):
@@ -117,8 +117,8 @@ def run_recipe(recipe: str, words: list[str]) -> None:
     # What would be played in the meantime; the first of the others ends the recipe.
     reports.start_baselines = lambda *_: None  # type: ignore[assignment]
     ends = ("make_explore_collector", "collect_held_out", "make_env", "make_game_env")
-    for name in ends:
-        for owner in (script, reports, training):
+    for name in (*ends, "scripted_of"):
+        for owner in (script, experiments, reports, training):
             if hasattr(owner, name):
                 setattr(owner, name, stop)
     sys.argv = [f"{recipe}.py", *words]
