@@ -49,7 +49,7 @@ from toponav.config import SettingsError
 from toponav.graph import MapFileError
 
 #: Seconds and bytes of a case.
-LIMIT_S, LIMIT_BYTES = 60.0, 12 * 2**30
+LIMIT_S, LIMIT_BYTES = 30.0, 12 * 2**30
 GOOD, FAULTS = ("refused", "accepted"), ("traceback", "hang", "changed", "litter")
 MAKERS = (layout_case, settings_case, file_case)
 
