@@ -66,6 +66,30 @@ def test_a_machine_that_took_twice_as_long_will_go_on_so(
     assert rows == [["one", "120", "120"], ["two", "240", "120"], ["three", "240", "0"]]
 
 
+def test_engines_that_start_do_not_count_as_slow_progress(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    schedule = Schedule({"one": 600.0, "two": 60.0})
+    schedule.begin("one")
+    capsys.readouterr()
+    # The first batch comes after 90 s: nobody knows yet how long others take.
+    clock.now += 90
+    schedule.show(0.01)
+    assert capsys.readouterr().err == ""
+    # 40 s for 4 % of it: 950 s for 95 %. All in all 130 + 950 = 1080 s, 1.8 times as
+    # long as expected: 108 s for the other phase.
+    clock.now += 40
+    schedule.show(0.05)
+    assert "all done in about 17.6 minutes" in capsys.readouterr().err
+    # The next phase counts on its own progress.
+    clock.now += 950
+    schedule.begin("two")
+    assert "all done in about 1.8 minutes" in capsys.readouterr().err
+    clock.now += 60
+    schedule.show(0.5)
+    assert "all done in about 1.0 minutes" in capsys.readouterr().err
+
+
 def test_a_phase_of_unknown_length_is_said_to_be(
     clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:

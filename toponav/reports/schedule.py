@@ -31,6 +31,9 @@ _POSES_S = 0.18e-3
 _COLLECTED = 0.12
 #: Seconds from one line to the next.
 _AGAIN_S = 60.0
+#: Seconds of progress that say how long the rest takes, and the share of a phase below
+#: which nothing else does: it begins with engines that start.
+_RATE_S, _EARLY = 30.0, 0.05
 #: Tells a pre-training the phases of the run that waits for it.
 _WAITING = "TOPONAV_SCHEDULE"
 
@@ -65,6 +68,8 @@ class Schedule:
         self._rows: list[dict[str, Any]] = []
         self._made = self._began = self._said = time.monotonic()
         self._phase = ""
+        # When the phase first showed progress, and its share then.
+        self._first: tuple[float, float] | None = None
         # Seconds that the finished phases took, and were expected to take.
         self._took = self._should = 0.0
 
@@ -83,7 +88,7 @@ class Schedule:
         self.end()
         self.expected[phase] *= rest
         self._phase, self._began = phase, time.monotonic()
-        self._said = self._began
+        self._said, self._first = self._began, None
         if self.announce:
             self._say()
 
@@ -108,27 +113,45 @@ class Schedule:
         When all will be done is counted on the phases before it, and on this one once
         some of it is done.
         """
-        later, rest = self._later(phase), self.expected[phase]
+        later, expected = self._later(phase), self.expected[phase]
         names, so_far, should = list(self.expected), self._took, self._should
         text = f"phase {names.index(phase) + 1} of {len(names)}: {phase}"
         if later:
             text += f", then {', '.join(later)}"
-        took = time.monotonic() - self._began
-        if share and not math.isnan(rest):
-            so_far, should = so_far + took, should + rest * share
+        rest = self._measured(share) if share else math.nan
+        if share and not math.isnan(expected):
+            # As much of the phase as its share, startup counted once.
+            whole = time.monotonic() - self._began + rest
+            so_far, should = so_far + share * whole, should + share * expected
         factor = so_far / should if should else 1.0
         known = factor * sum(later.values())
-        rest = took * (1 / share - 1) if share else factor * rest
+        rest = rest if share else factor * expected
         if math.isnan(rest):
             return f"{text}; all done about {_minutes(known)} after that"
         return f"{text}; all done in about {_minutes(known + rest)}"
 
+    def _measured(self, share: float) -> float:
+        """Seconds that the rest of the phase takes at the rate of its progress."""
+        now = time.monotonic()
+        if self._first is not None:
+            since, before = self._first
+            if now - since >= _RATE_S and share > before:
+                return (now - since) * (1 - share) / (share - before)
+        return (now - self._began) * (1 / share - 1)
+
     def show(self, share: float) -> None:
         """Announce the phase that runs once more, of which a ``share`` is done.
 
-        No oftener than once a minute.
+        No oftener than once a minute, and not before its progress says how long it will
+        take.
         """
-        if self._phase and time.monotonic() - self._said >= _AGAIN_S:
+        now = time.monotonic()
+        if not self._phase:
+            return
+        if self._first is None:
+            self._first = now, share
+        known = share >= _EARLY or now - self._first[0] >= _RATE_S
+        if known and now - self._said >= _AGAIN_S:
             self._say(share)
 
     def _say(self, share: float = 0.0) -> None:
