@@ -15,7 +15,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from tests.forked import own_progress
-from toponav.experiments import Cell, RunMaker
+from toponav.experiments import Cell, RunMaker, kept_runs
 from toponav.experiments.making import last_sentence
 
 FAKE = Path(__file__).with_name("fake_recipe.py")
@@ -70,7 +70,11 @@ def test_each_run_is_made_once_and_the_first_one_first(tmp_path: Path) -> None:
     assert starts(one) == starts(two) == ["start"]
 
 
-def test_a_run_is_kept_as_soon_as_it_is_finished(tmp_path: Path) -> None:
+def test_a_run_is_kept_as_soon_as_it_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What networks learned from is in the settings of a whole recipe.
+    monkeypatch.setattr(kept_runs, "keep_decisions_before", lambda *_: None)
     bad = make_cell(tmp_path, "bad", "bad=1")
     cells = [make_cell(tmp_path, "good"), bad]
     cells = [replace(cell, kept=tmp_path / "kept" / cell.key) for cell in cells]

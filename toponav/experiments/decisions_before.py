@@ -12,7 +12,7 @@ from toponav.builders import pretraining_decisions
 from toponav.config import ExploreConfig
 from toponav.experiments.cells import Cell
 from toponav.methods import REWARDS
-from toponav.runs import replacing
+from toponav.runs import write_text
 
 # Kept with a run's tables, which outlive the pre-training that says it.
 _FILE = "decisions_before.json"
@@ -49,5 +49,4 @@ def keep_decisions_before(cell: Cell, folder: Path) -> None:
     """Write them into a folder, where they are known and not of the settings alone."""
     decisions = decisions_before(cell)
     if decisions and math.isfinite(decisions) and not (folder / _FILE).is_file():
-        with replacing(folder / _FILE) as temporary:
-            temporary.write_text(json.dumps({"decisions": decisions}) + "\n")
+        write_text(folder / _FILE, json.dumps({"decisions": decisions}) + "\n")
