@@ -26,9 +26,12 @@ def keep_run(cell: Cell) -> None:
     networks learned from is added where an earlier version did not keep it.
     """
     kept = cell.kept
-    if kept is not None and cell.results == kept:
+    if kept is None:
+        return
+    if cell.results == kept:
         keep_decisions_before(cell, kept)
-    if kept is None or cell.results == kept or not is_finished(cell.folder):
+        return
+    if not is_finished(cell.folder):
         return
     kept.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{kept.name}.", dir=kept.parent) as place:

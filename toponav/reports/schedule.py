@@ -32,7 +32,7 @@ _COLLECTED = 0.12
 #: Seconds from one line to the next.
 _AGAIN_S = 60.0
 #: Seconds of progress that say how long the rest takes, and the share of a phase below
-#: which nothing else does: it begins with engines that start.
+#: which nothing else does: it may begin with engines that start or a map that is made.
 _RATE_S, _EARLY = 30.0, 0.05
 #: Tells a pre-training the phases of the run that waits for it.
 _WAITING = "TOPONAV_SCHEDULE"

@@ -42,7 +42,10 @@ def count_moves(walks: Iterable[Numbers], *, stay: int = 2) -> Moves:
 
 @dataclass(frozen=True, kw_only=True)
 class MoveRules:
-    """Which moves become edges; the numbers are those of ``results/moves.csv``."""
+    """Which moves become edges.
+
+    The numbers are those of ``results/moves.csv`` and ``results/hanging_maps.csv``.
+    """
 
     often: int = 2  # times, both ways together, from which a move is trusted
     detour: float = 1.5  # most steps by other moves for each step between the ends
