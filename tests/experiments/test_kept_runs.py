@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from tests.experiments.planning import reproducing
 from tests.experiments.test_choosing import finish, small
@@ -100,6 +101,26 @@ def test_what_networks_learned_from_is_kept_with_the_run(
     for text in ("", "[]", '{"decisions": null}', "{}"):
         (cell.kept / "decisions_before.json").write_text(text)
         assert math.isnan(decisions_before(cell))
+
+
+def test_where_a_run_was_resumed_is_not_kept(settings: ReproduceConfig) -> None:
+    plain, resumed, _ = cells = plan_cells(settings)
+    for cell in cells:
+        finish(cell, 0.5)
+    before = OmegaConf.load(resumed.folder / "config/config.yaml")
+    changed = OmegaConf.merge(before, {"resume": "runs/7"})
+    OmegaConf.save(changed, resumed.folder / "config/config.yaml")
+    words = ["maze=maze3", "reward.alpha=${loss.lr}", "resume='runs/7'"]
+    OmegaConf.save(OmegaConf.create(words), resumed.folder / "config/overrides.yaml")
+    keep_runs(cells)
+    saved = resumed.kept / "config"
+    assert OmegaConf.load(saved / "config.yaml") == before
+    assert (
+        saved / "overrides.yaml"
+    ).read_text() == "- maze=maze3\n- reward.alpha=${loss.lr}\n"
+    names = "config/config.yaml"
+    assert (plain.kept / names).read_bytes() == (plain.folder / names).read_bytes()
+    assert resumed.results == resumed.kept
 
 
 def test_half_a_copy_is_not_read(

@@ -118,6 +118,20 @@ def test_each_view_is_encoded_once(
     assert torch.allclose(found.embeddings, plain.embeddings)
 
 
+def test_a_state_has_views_or_what_was_made_of_them(tmp_path: Path) -> None:
+    found, other = make_map(tmp_path / "views"), make_map(tmp_path / "views")
+    found.add_episode(episode(0, 20, 60, views=True))
+    state = found.state_dict(embeddings=False)
+    assert not {"embeddings", "prepared"} & set(state)
+    other.load_state_dict(state)
+    assert other.num_waypoints == 3
+    other.refresh(found.network_version)
+    assert torch.allclose(other.embeddings, found.embeddings)
+    assert torch.equal(other.prepared, other.embeddings)
+    with pytest.raises(ValueError, match="a state must have views or embeddings, got"):
+        found.state_dict(views=False, embeddings=False)
+
+
 def test_what_a_full_map_has_no_waypoint_for_is_nowhere() -> None:
     found = make_map(capacity=2, edges="time")
     assert found.add_episode(episode(0, 20, 60, 80, 20, 0)).tolist() == [

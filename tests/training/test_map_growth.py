@@ -197,6 +197,28 @@ def test_new_weights_are_taken_over_and_not_shared() -> None:
     assert torch.allclose(growth.map.embeddings[:1], wanted, atol=1e-5)
 
 
+def test_what_changing_networks_make_of_views_is_in_no_checkpoint(tmp_path) -> None:
+    config = settings("online.learn=true")
+    growth = make_growth(config, tmp_path)
+    growth.extend(make_walk(config))
+    state = growth.state_dict()
+    assert not {"embeddings", "prepared", "images"} & set(state["map"])
+    # Of a waypoint: its origin (2 x 8 bytes), its pose (3 x 4), and where its view lies
+    # in the file (2 x 8).
+    kept = [state["map"][one] for one in ("origins", "headings", "positions", "views")]
+    assert sum(one.nbytes for one in kept) == 44 * growth.map.num_waypoints
+    # Other networks say what the views look like, as after they were published.
+    resumed = make_growth(config, tmp_path, seed=1)
+    before = growth.map.embeddings.clone()
+    resumed.load_state_dict(state)
+    growth.map.waypoints._embed = resumed.map.waypoints._embed
+    growth.map.refresh(0)
+    assert len(before) > 1
+    assert not torch.equal(growth.map.embeddings, before)
+    for name in ("embeddings", "prepared", "edges", "edge_cost"):
+        assert torch.equal(getattr(resumed.map, name), getattr(growth.map, name)), name
+
+
 def test_a_sparse_map_keeps_its_poses(tmp_path) -> None:
     config = settings("map.sparsify=1", "map.edges=both")
     growth = make_growth(config)

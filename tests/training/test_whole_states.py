@@ -16,9 +16,9 @@ from toponav.training.whole_states import require_whole
 DECISIONS = 128
 
 
-def grown(folder: Path | None = None) -> MapGrowth:
+def grown(folder: Path | None = None, *settings_: str) -> MapGrowth:
     """A map with edges, walks and true poses, after one batch."""
-    config = settings("map.poses=true")
+    config = settings("map.poses=true", *settings_)
     growth = make_growth(config, folder)
     growth.extend(make_walk(config))
     return growth
@@ -39,6 +39,10 @@ def test_parts_that_fit_are_saved(states: dict[str, Any], tmp_path: Path) -> Non
     require_whole(DECISIONS, {"episodes": states["episodes"], "learner": {}})
     require_whole(0, {"map": make_growth(settings("map.poses=false")).state_dict()})
     require_whole(DECISIONS, {"map": grown(tmp_path).state_dict()})
+    # Of networks that change, embeddings are made again.
+    online = grown(tmp_path, "online.learn=true").state_dict()
+    assert "embeddings" not in online["map"]
+    require_whole(DECISIONS, {"map": online})
 
 
 def shorter(*path: Any) -> Callable[[dict[str, Any]], None]:

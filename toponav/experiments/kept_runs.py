@@ -4,11 +4,15 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+from omegaconf import ListConfig, OmegaConf
+
+from toponav.config import read_yaml
 from toponav.experiments.cells import Cell
 from toponav.experiments.decisions_before import keep_decisions_before
 from toponav.experiments.found_runs import is_finished
-from toponav.runs import replacing
+from toponav.runs import replacing, write_text
 
 # What tables, figures and estimates are made of: no networks, maps or pictures. Without
 # ``hydra.yaml``, which names places of this machine, nobody takes a copy for a run.
@@ -38,6 +42,7 @@ def keep_run(cell: Cell) -> None:
         whole = Path(place) / kept.name
         for name in _KEPT:
             copy_missing(cell.folder, whole, name)
+        _forget_resume(whole / "config")
         keep_decisions_before(cell, whole)
         # A damaged one, which no run is read from.
         shutil.rmtree(kept, ignore_errors=True)
@@ -47,6 +52,22 @@ def keep_run(cell: Cell) -> None:
             # Another process may have been faster.
             if cell.results != kept:
                 raise
+
+
+def _forget_resume(saved: Path) -> None:
+    """Settings as of a run that was never cut off; where it lay is nobody's matter."""
+    path = saved / "config.yaml"
+    config = read_yaml(path)
+    if OmegaConf.select(config, "resume") is None:
+        return
+    config.resume = None
+    write_text(path, OmegaConf.to_yaml(config))
+    path = saved / "overrides.yaml"
+    if path.is_file():
+        # As they were given: what one names, such as ${seed}, is no other word.
+        words: Any = OmegaConf.to_container(read_yaml(path, ListConfig))
+        others = [word for word in words if not str(word).startswith("resume=")]
+        write_text(path, OmegaConf.to_yaml(OmegaConf.create(others)))
 
 
 def keep_runs(cells: Iterable[Cell]) -> None:

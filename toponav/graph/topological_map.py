@@ -259,14 +259,23 @@ class TopologicalMap:
         self.graph.rebuild(len(kept), moves)
         self.discovery.forget()
 
-    def state_dict(self, *, views: bool = True) -> dict[str, Any]:
+    def state_dict(
+        self, *, views: bool = True, embeddings: bool = True
+    ) -> dict[str, Any]:
         """Everything but the networks and the episodes that are not finished.
 
         ``views`` may be left out; those in a file are there alone, in any case.
+        ``embeddings`` may be left out of a state with views: whoever loads it has to
+        `refresh` the map.
         """
+        if not (views or embeddings):
+            raise ValueError("a state must have views or embeddings, got neither")
         waypoints = self.waypoints
+        of_waypoints = (
+            waypoints.state_dict(embeddings=embeddings) if views else waypoints.arrays()
+        )
         return {
-            **(waypoints.state_dict() if views else waypoints.arrays()),
+            **of_waypoints,
             **self.graph.state_dict(),
             "network_version": self.network_version,
             "tc_threshold": self.rules.tc_threshold,

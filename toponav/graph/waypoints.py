@@ -19,8 +19,9 @@ Compare = Callable[[Tensor, Tensor], Tensor]
 _VIEWS, _PAIRS = 64, 8192
 #: What rounding may add to a similarity of 0 or 1.
 _ROUNDING = 1e-3
-#: What is kept of each waypoint, beside its view.
-_ARRAYS = ("embeddings", "prepared", "origins", "headings", "positions")
+#: What is kept of each waypoint, beside its view; the first two are made of that.
+_EMBEDDED = ("embeddings", "prepared")
+_ARRAYS = (*_EMBEDDED, "origins", "headings", "positions")
 
 
 class Waypoints:
@@ -119,9 +120,15 @@ class Waypoints:
         """Copies of what is kept of each waypoint, beside its view."""
         return {name: getattr(self, name).clone() for name in _ARRAYS}
 
-    def state_dict(self) -> dict[str, Any]:
-        """Copies of what is kept of each waypoint; of views in a file, their places."""
-        return self.arrays() | self.views.state_dict()
+    def state_dict(self, *, embeddings: bool = True) -> dict[str, Any]:
+        """Copies of what is kept of each waypoint; of views in a file, their places.
+
+        Without ``embeddings``, `refresh` makes them of the views after
+        `load_state_dict`, before anything else.
+        """
+        names = [name for name in _ARRAYS if embeddings or name not in _EMBEDDED]
+        copies = {name: getattr(self, name).clone() for name in names}
+        return copies | self.views.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Replace all waypoints by those of a `state_dict`.
@@ -130,6 +137,7 @@ class Waypoints:
         """
         number = len(state["origins"])
         unknown = {
+            **{name: torch.empty(0) for name in _EMBEDDED},
             "headings": torch.full((number,), torch.nan),
             "positions": torch.full((number, 2), torch.nan),
         }

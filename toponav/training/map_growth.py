@@ -74,7 +74,7 @@ class MapGrowth(Consumer):
     """
 
     saved = (
-        *("map", "walks", "truth", "rows", "decisions", "growth"),
+        *("walks", "truth", "rows", "decisions", "growth"),
         "pretraining_decisions",
     )
     finishes_beside = True
@@ -291,8 +291,17 @@ class MapGrowth(Consumer):
         num, edges = len(now.state["origins"]), now.state["edges"]
         return draw_graph(num, edges, now.cost, find_views=now.find_views, title=title)
 
+    def state_dict(self) -> dict[str, Any]:
+        """As a consumer's, and the map's; of networks that change without embeddings.
+
+        Those are made again of the views, each of which is written once.
+        """
+        found = self.map.state_dict(embeddings=not self.trains_online)
+        return super().state_dict() | {"map": found}
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         super().load_state_dict(state)
+        self.map.load_state_dict(state["map"])
         if self.trains_online:
             self._embed(self.map.network_version)
 

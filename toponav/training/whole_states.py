@@ -41,8 +41,8 @@ def _counts(
     found, truth, walks = growth["map"], growth["truth"], growth["walks"]
     views, waypoints = growth["growth"][-1]
     counts = {"counted": waypoints}
-    counts |= {name: len(found[name]) for name in _OF_WAYPOINTS}
-    # A map may have no views at all.
+    # Embeddings may be left out, and a map may have no views at all.
+    counts |= {name: len(found[name]) for name in _OF_WAYPOINTS if name in found}
     if kept := len(found["views" if "views" in found else "images"]):
         counts["views"] = kept
     if truth is not None:
