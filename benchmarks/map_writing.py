@@ -124,9 +124,9 @@ def write_beside(
     alone = statistics.median(timed(step) for _ in range(100))
     start, spent = time.perf_counter(), time.process_time() - time.thread_time()
     call, steps = timed(lambda: growth.write(folder)), []
-    while growth.is_writing:
+    while growth.writer.is_writing:
         steps.append(timed(step))
-    growth.wait()
+    growth.writer.wait()
     return {
         "write_s": time.perf_counter() - start,
         "write_processor_s": time.process_time() - time.thread_time() - spent,
@@ -152,7 +152,7 @@ def time_parts(growth: MapGrowth, folder: Path) -> dict[str, float]:
         now = growth.snapshot()
     with part("judge"):
         lengths = truth.lengths(now)
-        now.row.update(truth.measure(now, lengths, 0.0))
+        now.row.update(truth.measure(now, lengths))
     with part("file"):
         save_map(now.state, folder / MAP_FILE, views=now.views)
     with part("picture"):

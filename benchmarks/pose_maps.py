@@ -74,7 +74,7 @@ def measure(run: Path, copy: Path, within: float | None) -> dict[str, Any]:
         growth.learn_places(*views)
     seconds = time.process_time() - start
     growth.write(copy)
-    growth.wait()
+    growth.writer.wait()
     row = growth.rows[-1]
     found = {name: row[name] for name in QUALITY}
     settings = read_settings(run)

@@ -32,7 +32,7 @@ def test_all_pictures_come_with_the_first_row_and_no_episode_has_to_end(
     state.count(batch.numel(), 1.0, config.collect)
     measured = {**growth.extend(batch), **log.extend(batch)}
     report.update(measured, batch.numel())
-    growth.wait()
+    growth.writer.wait()
     report.close()
     assert log.rows == []
     for name in ("curves.png", "map.png", "topology.png"):

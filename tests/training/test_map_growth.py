@@ -302,7 +302,7 @@ class SlowMap:
 
     def __init__(self, monkeypatch) -> None:
         self.may_go, self.states = threading.Event(), []
-        monkeypatch.setattr("toponav.training.map_growth.save_map", self)
+        monkeypatch.setattr("toponav.training.map_writer.save_map", self)
 
     def __call__(self, state, path, **arguments) -> None:
         self.states.append(state)
@@ -333,7 +333,7 @@ def test_a_map_that_cannot_be_written_is_said(tmp_path, monkeypatch) -> None:
 
     growth = make_growth(settings(), tmp_path)
     growth.extend(make_walk(settings()))
-    monkeypatch.setattr("toponav.training.map_growth.save_map", fail)
+    monkeypatch.setattr("toponav.training.map_writer.save_map", fail)
     growth.write(tmp_path)
     with pytest.raises(OSError, match="No space"):
         growth.finish(tmp_path)

@@ -3,22 +3,17 @@
 import copy
 import math
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import torch
-from matplotlib.figure import Figure
 from tensordict import TensorDictBase
 from torch import Tensor
 from tqdm import tqdm
 
 from toponav import keys
 from toponav.builders import (
-    MAP_FILE,
     NETWORKS,
-    PLACES_FILE,
-    POSES_FILE,
     Consumer,
     MapNetworks,
     Networks,
@@ -28,12 +23,7 @@ from toponav.builders import (
     for_inference,
     make_map,
     map_thresholds,
-    mend_beside,
-    name_contents,
-    next_path,
     pretraining_decisions,
-    put_beside,
-    save_places,
 )
 from toponav.config import ExploreConfig
 from toponav.graph import (
@@ -41,19 +31,16 @@ from toponav.graph import (
     TopologicalMap,
     ViewFile,
     consolidate,
-    save_map,
     sparsify,
 )
 from toponav.graph.poses import fastest_turn
 from toponav.metrics import (
-    map_parts,
     waypoint_shares,
 )
-from toponav.plotting import draw_graph, save_figure
-from toponav.runs import write_array, write_history
 from toponav.training.episode_log import Row
 from toponav.training.ground_training import GroundRules, train_ground
 from toponav.training.map_truth import MapTruth, Snapshot
+from toponav.training.map_writer import MapWriter
 from toponav.training.place_training import (
     OffsetRules,
     PlaceRules,
@@ -88,7 +75,6 @@ class MapGrowth(Consumer):
     ) -> None:
         self.config = settings.map
         self.trains_online = settings.online.learn
-        self.name = world.name
         #: What actions do in free space, where poses are to be found by it.
         effects = action_effects(world.spec)
         by_poses = settings.maps_by_poses(effects_known=effects is not None)
@@ -108,11 +94,8 @@ class MapGrowth(Consumer):
             keep_walks=self.effects is not None,
         )
         self.walks = self.map.walks
-        self._thread = ThreadPoolExecutor(1, "map")
-        #: The writing of the files, and whether a newer map waits for it.
-        self._writing: Future[None] | None = None
-        self._is_behind = False
         self.truth = MapTruth(world) if world.layout is not None else None
+        self.writer = MapWriter(world.name, self.truth)
         self.decisions = 0
         #: Views that the map was given, those of ``map.envs`` mazes, and its waypoints,
         #: after each batch.
@@ -161,7 +144,7 @@ class MapGrowth(Consumer):
     def finish(self, folder: Path) -> None:
         """Embed by the last networks, and make the map smaller as the settings say."""
         tolerance = self.config.sparsify
-        self.wait()
+        self.writer.wait()
         before = self.map.num_waypoints, len(self.map.edges)
         if self.trains_online:
             self._embed(self.map.network_version + 1)
@@ -179,9 +162,9 @@ class MapGrowth(Consumer):
                 f"{now[0]:,} and {now[1]:,}"
             )
         is_new = self.trains_online or views is not None or now != before
-        if is_new or self._is_behind:
+        if is_new or self.writer.is_behind:
             self.write(folder)
-        self.wait()
+        self.writer.wait()
 
     def consolidate(self) -> tuple[Tensor, Tensor] | None:
         """Make the map again of few waypoints, by the poses of all its views.
@@ -222,28 +205,13 @@ class MapGrowth(Consumer):
             train_ground(embeddings, poses, GroundRules(seed=self.seed)),
         )
 
-    def wait(self) -> None:
-        """Wait until all is written, and raise what went wrong with it."""
-        if self._writing is not None:
-            self._writing.result()
-            self._writing = None
-
     def write(self, folder: Path) -> None:
         """Write the map, its poses, a row of ``map.csv`` and ``topology.png``.
 
         A thread does it; while it is at the last map, this one is left to the next
         time, or to `finish`.
         """
-        self._is_behind = self.is_writing
-        if self._is_behind:
-            return
-        self.wait()
-        self._writing = self._thread.submit(self._write, folder, self.snapshot())
-
-    @property
-    def is_writing(self) -> bool:
-        """Whether the thread is at the last map."""
-        return self._writing is not None and not self._writing.done()
+        self.writer.write(folder, self.snapshot, self.rows)
 
     def snapshot(self) -> Snapshot:
         """The map as it is now, which does not change while it grows."""
@@ -259,37 +227,9 @@ class MapGrowth(Consumer):
             self.map.edge_cost.amin(1),
             torch.empty(0) if self.truth is None else self.truth.poses.values,
             math.nan if self.truth is None else self.truth.decisions_to_cover,
+            self.pretraining_decisions,
             self.map_networks,
         )
-
-    def _write(self, folder: Path, now: Snapshot) -> None:
-        mend_beside(folder)
-        row, edges, lengths = now.row, now.state["edges"], torch.empty(0)
-        if self.truth is None:
-            num = len(now.state["origins"])
-            row |= {"waypoints": num, "edges": len(edges), **map_parts(num, edges)}
-        else:
-            lengths = self.truth.lengths(now)
-            row |= self.truth.measure(now, lengths, self.pretraining_decisions)
-            write_array(next_path(folder / POSES_FILE), now.poses)
-        if now.networks is not None:
-            save_places(now.networks, next_path(folder / PLACES_FILE))
-        self.rows.append(row)
-        write_history(folder / "map.csv", self.rows)
-        about = {"maze": self.name} | name_contents(folder)
-        save_map(now.state, folder / MAP_FILE, about=about, views=now.views)
-        put_beside(folder, about)
-        save_figure(self._draw(now, lengths), folder / "topology.png", dpi=110)
-
-    def _draw(self, now: Snapshot, lengths: Tensor) -> Figure:
-        row = now.row
-        parts = f"{row['components']} part{'s' if row['components'] != 1 else ''}"
-        title = f"{self.name} after {row['decisions']:,} decisions: "
-        if self.truth is not None:
-            return self.truth.draw(now, lengths, title, parts)
-        title += f"{row['waypoints']:,} waypoints, {row['edges']:,} edges, {parts}"
-        num, edges = len(now.state["origins"]), now.state["edges"]
-        return draw_graph(num, edges, now.cost, find_views=now.find_views, title=title)
 
     def state_dict(self) -> dict[str, Any]:
         """As a consumer's, and the map's; of networks that change without embeddings.

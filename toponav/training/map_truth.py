@@ -28,6 +28,7 @@ class Snapshot:
     cost: Tensor  # of the edges, in the cheaper direction
     poses: Tensor
     decisions_to_cover: float
+    pretraining_decisions: float
     networks: MapNetworks | None = None  # what views say on it, if it has poses
 
     def find_views(self, numbers: Collection[int]) -> dict[int, np.ndarray]:
@@ -65,8 +66,8 @@ class MapTruth:
         """How far the ends of each edge are apart on foot, map units ``[E]``."""
         return edge_lengths(self._metric, now.poses, now.state["edges"])
 
-    def measure(self, now: Snapshot, lengths: Tensor, pretrained: float) -> Row:
-        """Columns of ``map.csv``, see `MapQuality`; ``pretrained`` decisions count."""
+    def measure(self, now: Snapshot, lengths: Tensor) -> Row:
+        """Columns of ``map.csv``, see `MapQuality`."""
         edges, cost = now.state["edges"], now.cost
         walked, positions = cost <= 1, now.state["positions"]
         if not positions.isnan().any():
@@ -78,7 +79,7 @@ class MapTruth:
             "cells": int(self._metric.open_mask.sum()),
             **vars(quality),
             "decisions_to_cover": now.decisions_to_cover,
-            "interaction_to_encode": now.decisions_to_cover + pretrained,
+            "interaction_to_encode": now.decisions_to_cover + now.pretraining_decisions,
         }
 
     def draw(self, now: Snapshot, lengths: Tensor, title: str, parts: str) -> Figure:

@@ -2,7 +2,8 @@ import torch
 from hypothesis import given, strategies as st
 
 from toponav.graph.navigation.goals import GoalNodes
-from toponav.graph.navigation.plans import Planner, Plans
+from toponav.graph.navigation.planner import Planner
+from toponav.graph.navigation.plans import Plans
 
 ONE = torch.tensor([True, False])
 

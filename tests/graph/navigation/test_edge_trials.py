@@ -7,7 +7,8 @@ from hypothesis import given, strategies as st
 from toponav.graph import EdgeTrials
 from toponav.graph.navigation.edge_trials import TrialWatch
 from toponav.graph.navigation.goals import GoalNodes
-from toponav.graph.navigation.plans import Planner, Plans
+from toponav.graph.navigation.planner import Planner
+from toponav.graph.navigation.plans import Plans
 
 # A path of five, the last edge named from its far end.
 LINE = torch.tensor([[0, 1], [1, 2], [2, 3], [4, 3]])

@@ -3,7 +3,7 @@ import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
-from toponav.graph.navigation.plans import Planner
+from toponav.graph.navigation.planner import Planner
 
 LINE = torch.tensor([[0, 1], [1, 2], [2, 3]])
 

@@ -2,7 +2,8 @@ import pytest
 import torch
 
 from toponav.graph.navigation.goals import GoalNodes
-from toponav.graph.navigation.plans import Planner, Plans
+from toponav.graph.navigation.planner import Planner
+from toponav.graph.navigation.plans import Plans
 
 # A ring of six: from 0 to 3 by way of 1 and 2, or of 5 and 4.
 RING = torch.tensor([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, 0]])

@@ -12,7 +12,7 @@ from toponav.graph.navigation.path_following import (
     to_the_middle as to_the_middle,
     walking_costs as walking_costs,
 )
-from toponav.graph.navigation.plans import Plan as Plan, Planner as Planner
+from toponav.graph.navigation.planner import Plan as Plan, Planner as Planner
 from toponav.graph.navigation.pose_belief import (
     BeliefRules as BeliefRules,
     PoseBelief as PoseBelief,

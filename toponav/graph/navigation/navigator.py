@@ -12,7 +12,8 @@ from torch.nn.functional import one_hot
 from toponav import keys
 from toponav.graph.navigation.goals import GoalNodes
 from toponav.graph.navigation.localiser import Localiser, Map
-from toponav.graph.navigation.plans import Planner, Plans
+from toponav.graph.navigation.planner import Planner
+from toponav.graph.navigation.plans import Plans
 from toponav.graph.navigation.progress import EdgeProgress, Progress
 from toponav.graph.navigation.sampler import ActionSampler
 from toponav.graph.rules import MapRules, NavigatorRules

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from toponav import keys
 from toponav.graph.navigation.edge_trials import EdgeTrials, TrialWatch
-from toponav.graph.navigation.plans import Planner
+from toponav.graph.navigation.planner import Planner
 from toponav.graph.navigation.pose_navigator import PoseNavigator
 
 #: Steps from a waypoint at which it is reached, and decisions until it is given up.
