@@ -1,4 +1,5 @@
 import pickle
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -209,6 +210,18 @@ def test_files_that_name_no_world_are_of_the_mazes(saved: Path) -> None:
     assert load_networks(saved, world=WORLD).view_size == (120, 160)
     with pytest.raises(SettingsError, match="got some for views of 120 x 160 pixels"):
         load_networks(saved, world=OTHER_WORLD)
+
+
+@pytest.mark.parametrize("name", ["num_actions", "view_size"])
+def test_a_damaged_number_is_not_counted_to(saved: Path, name: str) -> None:
+    state = torch.load(saved, weights_only=True)
+    # Names for so many actions fill the memory before they are compared.
+    state[name] = {"num_actions": 10**8, "view_size": [10**30, 160]}[name]
+    torch.save(state, saved)
+    started = time.process_time()
+    with pytest.raises(SettingsError, match="networks must name networks "):
+        load_networks(saved)
+    assert time.process_time() - started < 1
 
 
 def test_views_that_the_encoder_cannot_read_are_refused() -> None:

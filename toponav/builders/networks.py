@@ -184,6 +184,10 @@ def load_networks(
         default = load_engine(DEFAULT_ENGINE).world
         height, width = state.get("view_size", default.view_size)
         num_actions = int(state.get("num_actions", default.num_actions))
+        # A damaged number may be more than can be counted to.
+        most = max(len(one) for one in state["weights"].values() if one.ndim)
+        if num_actions > most:
+            raise ValueError(f"weights of at most {most} actions, not {num_actions:g}")
         made_for = WorldSpec(
             view_size=(height, width),
             actions=tuple(map(str, range(num_actions))),
