@@ -34,9 +34,7 @@ from toponav.graph import (
     sparsify,
 )
 from toponav.graph.poses import fastest_turn
-from toponav.metrics import (
-    waypoint_shares,
-)
+from toponav.metrics import waypoint_shares
 from toponav.training.episode_log import Row
 from toponav.training.ground_training import GroundRules, train_ground
 from toponav.training.map_truth import MapTruth, Snapshot
@@ -60,10 +58,8 @@ class MapGrowth(Consumer):
     ``folder``, without one in memory.
     """
 
-    saved = (
-        *("walks", "truth", "rows", "decisions", "growth"),
-        "pretraining_decisions",
-    )
+    # The map is in the state, too.
+    saved = ("walks", "truth", "rows", "decisions", "growth", "pretraining_decisions")
     finishes_beside = True
 
     def __init__(
