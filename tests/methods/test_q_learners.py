@@ -9,6 +9,8 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import set_recurrent_mode
+from torchrl.objectives import dqn
+from torchrl.objectives.utils import distance_loss
 
 from tests.exploring import explore_settings, world_of
 from tests.fakes import FakeMaze
@@ -152,6 +154,26 @@ def test_the_target_is_the_scaled_reward_and_what_follows(name: str) -> None:
         learner.replay.extend(batch)
         # 1 + 0.5 * 0.4 - 0.4 = 0.8, or 1 - 0.4 = 0.6: smooth L1 halves the square.
         assert learner._step() == pytest.approx(0.5 * (0.6 if ends else 0.8) ** 2)
+
+
+@BOTH
+def test_nothing_is_learned_of_what_follows(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The memory that the older copy begins with is no way back to the weights."""
+    learner, seen = make_learner(name), []
+
+    def note(value: torch.Tensor, target: torch.Tensor, *rest: str) -> torch.Tensor:
+        seen.append((value.requires_grad, target.requires_grad))
+        return distance_loss(value, target, *rest)
+
+    monkeypatch.setattr(dqn, "distance_loss", note)
+    batch = make_batch()
+    flags = torch.zeros(4, 20, 1, dtype=torch.bool)
+    batch[IS_INIT] = batch["next", "done"] = batch["next", "terminated"] = flags
+    learner.replay.extend(batch)
+    learner._step()
+    assert seen == [(True, False)]
 
 
 @pytest.mark.slow

@@ -35,7 +35,9 @@ class DRQNConfig(QConfig):
 class DRQNLearner(QLearner):
     """DQN with an LSTM in place of its first linear layer, fed one view at a time.
 
-    It learns from slices anywhere in an episode, each from an empty memory.
+    It learns from slices anywhere in an episode, each from an empty memory. The older
+    copy, which says what follows, begins with what the network remembers of the first
+    view.
 
     Reference:
         Hausknecht and Stone, "Deep Recurrent Q-Learning for Partially Observable MDPs"
@@ -49,11 +51,12 @@ class DRQNLearner(QLearner):
     def make_network(settings: ExploreConfig, num_actions: int) -> QPolicy:
         hidden = settings.policy.hidden
         convolutions = QConvolutions(3, size=settings.policy.view_size)
+        states = [("next", *HIDDEN), ("next", *MEMORY_CELL)]
         lstm = LSTMModule(
             input_size=convolutions.code_dim,
             hidden_size=hidden,
             in_keys=["code", HIDDEN, MEMORY_CELL],
-            out_keys=["memory", ("next", *HIDDEN), ("next", *MEMORY_CELL)],
+            out_keys=["memory", *states],
         )
         network = TensorDictSequential(
             TensorDictModule(convolutions, in_keys=[POLICY_PIXELS], out_keys=["code"]),
@@ -63,6 +66,8 @@ class DRQNLearner(QLearner):
                 in_keys=["memory"],
                 out_keys=[ACTION_VALUE],
             ),
+            # The loss hands these to the older copy, of which nothing is learned.
+            TensorDictModule(_detach, in_keys=states, out_keys=states),
         )
         primer = lstm.make_tensordict_primer
         return QPolicy(network, primer, num_actions=num_actions)
@@ -73,3 +78,7 @@ class DRQNLearner(QLearner):
     def compute_loss(self, batch: TensorDictBase) -> Tensor:
         with set_recurrent_mode(True):
             return super().compute_loss(batch)
+
+
+def _detach(*states: Tensor) -> tuple[Tensor, ...]:
+    return tuple(state.detach() for state in states)
