@@ -1,13 +1,16 @@
 """Starting, losing and closing engines."""
 
 import faulthandler
+import itertools
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -166,12 +169,54 @@ class TestLosses:
         before = set(instances.registry().iterdir())
         begin = time.monotonic()
         try:
-            with pytest.raises(EngineError, match="process was ended from outside"):
+            with pytest.raises(EngineError, match="was ended or stopped from outside"):
                 start()
         finally:
             forever.set()
         assert time.monotonic() - begin < 20
         assert set(instances.registry().iterdir()) == before
+
+    @pytest.mark.parametrize("works", [True, False])
+    def test_a_slow_start_is_waited_for_while_it_works(
+        self, monkeypatch: pytest.MonkeyPatch, works: bool
+    ) -> None:
+        # As beside others that take nearly all of the processor.
+        begin, seconds = vizdoom.DoomGame.init, itertools.count(step=int(works))
+
+        def begin_slowly(game: vizdoom.DoomGame) -> None:
+            begin(game)
+            time.sleep(3.5)
+
+        monkeypatch.setattr(vizdoom.DoomGame, "init", begin_slowly)
+        monkeypatch.setattr(instances, "seconds_worked", lambda _: next(seconds))
+        monkeypatch.setattr(engine_module, "_IDLE_SECONDS", 1.5)
+        if works:
+            start().close()
+            return
+        with pytest.raises(EngineError, match=r"did nothing for 1\.5 s"):
+            start()
+
+    @pytest.mark.parametrize("end", ["it is stopped", "Ctrl-C", "SIGTERM"])
+    def test_one_that_does_not_start_takes_nobody_along(
+        self, tmp_path: Path, end: str
+    ) -> None:
+        # ViZDoom reads what is not there if it dies before it has started.
+        file = tmp_path / "said"
+        with file.open("w") as output:  # the engine would hold a pipe open
+            process = subprocess.Popen(
+                [sys.executable, "-c", f"{_WHILE_IT_STARTS}\nstart_and({end!r})"],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        by = {"Ctrl-C": -signal.SIGINT, "SIGTERM": -signal.SIGTERM}
+        status = by.get(end, 0)
+        ended = process.wait(60)
+        pid, *said = file.read_text().splitlines()
+        assert ended == status, said
+        assert said == ["given up"] or status != 0
+        # What it left is for the next start.
+        instances.sweep()
+        assert not psutil.pid_exists(int(pid))
 
     def test_one_that_is_killed_while_it_starts_leaves_no_shared_memory(
         self, tmp_path: Path
@@ -186,6 +231,33 @@ class TestLosses:
         instances.sweep()
         left = instances.SHARED_MEMORY.glob(f"ViZDoom*{file.read_text()}")
         assert not list(left)
+
+
+_WHILE_IT_STARTS = "from tests.envs.engines.doom.test_engine import start_and"
+
+
+def start_and(end: str) -> None:
+    """Start an engine, and end it or this process before it has started."""
+    engine_module._IDLE_SECONDS, instances._PATIENCE_S = 1.0, 0.5
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    engine_pid, seen = instances.engine_pid, set[int]()
+
+    def act_once(folder: Path) -> int | None:
+        if (pid := engine_pid(folder)) is not None and not seen:
+            seen.add(pid)
+            sys.stdout.write(f"{pid}\n")
+            sys.stdout.flush()
+            if end == "it is stopped":
+                os.kill(pid, signal.SIGSTOP)
+            else:
+                ours = signal.SIGINT if end == "Ctrl-C" else signal.SIGTERM
+                os.kill(os.getpid(), ours)
+        return pid
+
+    instances.engine_pid = act_once
+    with suppress(EngineError):
+        start()
+    sys.stdout.write("given up\n")
 
 
 def kill_while_it_starts(file: Path) -> None:

@@ -37,7 +37,10 @@ SHARED_BYTES = 96 * 1024
 # Its level, and what it writes beside.
 _FILES_BYTES = 1024 * 1024
 # An engine that has not started after so many seconds does not start any more.
-_STARTING_S = 20.0
+_STARTING_S = 120.0
+# So long a start is waited for before its engine is ended.
+_PATIENCE_S = 5.0
+_starters: dict[Path, threading.Thread] = {}
 # A sweep looks at all processes and all engines' files.
 _SWEEP_EVERY_S = 1.0
 _swept = -math.inf
@@ -90,10 +93,27 @@ def note_instance(folder: Path, instance_id: str) -> None:
     (folder / "instance").write_text(instance_id)
 
 
-def release(folder: Path) -> None:
-    """End an engine and remove all it left, unless this is a fork of its owner."""
-    if folder.name.startswith(f"{os.getpid()}-"):
-        _reap(folder)
+def note_starter(folder: Path, starter: threading.Thread) -> None:
+    """Say which thread starts the engine: it is not ended before that has returned."""
+    _starters[folder] = starter
+
+
+def release(folder: Path, *, patience: float = _PATIENCE_S) -> None:
+    """End an engine and remove all it left, unless this is a fork of its owner.
+
+    One that is still starting, and goes on doing so, is left to the sweep that follows
+    this process: ViZDoom 1.3 reads memory that is not there where an engine dies before
+    it has started, and takes its process along.
+    """
+    if not folder.name.startswith(f"{os.getpid()}-"):
+        return
+    if (starter := _starters.get(folder)) is not None:
+        with suppress(RuntimeError):  # that thread may be the one that ends it
+            starter.join(max(patience, 0.0))
+        if starter.is_alive() and engine_pid(folder) is not None:
+            return
+        _starters.pop(folder, None)
+    _reap(folder)
 
 
 def sweep_if_due() -> None:
@@ -136,8 +156,9 @@ def _on_sigterm(number: int, _frame: FrameType | None) -> None:
 
 @atexit.register
 def _release_all() -> None:
+    deadline = time.monotonic() + _PATIENCE_S
     for folder in registry().glob("*"):
-        release(folder)
+        release(folder, patience=deadline - time.monotonic())
 
 
 def _has_owner(folder: Path) -> bool:
@@ -216,6 +237,15 @@ def engine_pid(folder: Path) -> int | None:
                 note_instance(folder, found)
         return int(process.pid)
     return None
+
+
+def seconds_worked(folder: Path) -> float:
+    """Processor time that the engine of a folder has taken; 0 without one."""
+    with suppress(psutil.Error):
+        if (pid := engine_pid(folder)) is not None:
+            times = psutil.Process(pid).cpu_times()
+            return float(times.user + times.system)
+    return 0.0
 
 
 def _matching(
