@@ -1,6 +1,8 @@
 """Nav A3C, and with D2L: its network, its tasks, and who reads the ground truth."""
 
 import copy
+import math
+from collections.abc import Mapping
 
 import pytest
 import torch
@@ -163,6 +165,24 @@ def test_the_heads_learn_what_they_are_told() -> None:
     assert first["depth_chance"] == last["depth_chance"] < 0.6
     assert last["depth_accuracy"] > last["depth_chance"] + 0.1
     assert last["loop_found"] > 0.9 > 0.1 > last["loop_false"]
+
+
+def test_a_batch_in_which_no_loop_closes_is_learned_from() -> None:
+    checked: list[str] = []
+
+    def check(figures: Mapping[str, float], update: int) -> None:
+        checked.extend(figures)
+        assert all(map(math.isfinite, figures.values())), (figures, update)
+
+    learner = make_learner("nav_a3c_d2l")
+    learner.check = check
+    batch = make_batch(learner.policy)
+    batch[keys.LOOP_CLOSED] = torch.zeros(ENVS, LENGTH, 1, dtype=torch.bool)
+    measured = learner.extend(batch)
+    assert learner.updates == 1
+    assert {"loss_loop", "loss_depth", "gradient_norm"} < set(checked)
+    assert math.isnan(measured["loop_found"])
+    assert measured["loop_share"] == 0
 
 
 def test_classes_of_depth_by_hand() -> None:

@@ -158,5 +158,6 @@ class ActorCriticLearner(Learner):
         # Read at once: a GPU is waited for each time.
         numbers = torch.stack([losses[name].detach() for name in names]).tolist()
         measured = dict(zip(names, numbers, strict=True))
-        self.descend(total, measured)
+        # What is only logged may be a share of none.
+        self.descend(total, {name: measured[name] for name in self.losses})
         return measured
