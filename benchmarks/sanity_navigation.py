@@ -186,6 +186,7 @@ def draw(rows: list[Row], path: Path) -> None:
             axes.fill_between(mean.index, low, high, alpha=0.2, color=line.get_color())
         per = "100 decisions" if task == "maze" else "an episode"
         axes.set(title=task, xlabel="decisions", ylabel=f"reward of {per}")
+        axes.locator_params(axis="x", nbins=5)
         axes.legend()
     save_figure(figure, path)
 
