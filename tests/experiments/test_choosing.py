@@ -262,12 +262,12 @@ def test_what_is_chosen_comes_after_what_the_scale_sets(tmp_path: Path) -> None:
     words = ["experiment=table8", f"runs={tmp_path}", "seeds=1", "most_mazes=1"]
     with reproducing(*words, "rows=['Nav A3C']") as laptop:
         plain = plan_cells(laptop)[-1].policy.config.loss
-        assert (plain.lr, plain.entropy_coeff) == (0.002, 0.01)
+        assert (plain.lr, plain.entropy_coeff) == (0.0005, 0.01)
         drawn = ("loss.lr=0.003", "loss.entropy_coeff=0.004")
         choices = [Choice(row, drawn, 1.0, "", 2) for row in ("ours", "Nav A3C")]
         chosen = plan_cells(with_choices(laptop, choices))[-1].policy.config.loss
         assert (chosen.lr, chosen.entropy_coeff) == (0.003, 0.004)
-        assert (chosen.rollout, chosen.eps) == (20, 0.001)
+        assert (chosen.rollout, chosen.eps) == (20, 1e-5)
 
 
 def test_tries_of_novelty_serve_tables_3_and_8(tmp_path: Path) -> None:
