@@ -169,7 +169,7 @@ class TestLosses:
         before = set(instances.registry().iterdir())
         begin = time.monotonic()
         try:
-            with pytest.raises(EngineError, match="was ended or stopped from outside"):
+            with pytest.raises(EngineError, match="it has no process: it was ended"):
                 start()
         finally:
             forever.set()

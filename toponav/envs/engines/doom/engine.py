@@ -214,9 +214,10 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
         starter.join(1.0)
         found = has_begun()
     if starter.is_alive():
+        given = f"did nothing for {_IDLE_SECONDS:g} s" if found else "has no process"
         raise EngineError(
-            f"the engine must start, and it did nothing for {_IDLE_SECONDS:g} s: its "
-            "process was ended or stopped from outside, or the machine is overloaded"
+            f"the engine must start, and it {given}: it was ended or stopped from "
+            "outside, or the machine is overloaded"
         )
     if failures:
         raise EngineError(f"the engine must start, got: {failures[0]}")
