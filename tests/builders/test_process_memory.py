@@ -1,11 +1,14 @@
-"""Freed memory is kept: the same blocks cost no page faults again."""
+"""Freed memory is kept, and what stays is not looked through for garbage."""
 
+import gc
 import subprocess
 import sys
+from collections.abc import Iterator
 
 import pytest
+import torch
 
-from toponav.builders import keep_freed_memory
+from toponav.builders import keep_freed_memory, prepare_process
 
 # Page faults of twenty 32 MiB tensors, one after the other, before and after the call.
 _COUNT_FAULTS = """
@@ -40,3 +43,20 @@ def test_freed_blocks_are_used_again() -> None:
     # time, or one or two of them once.
     assert int(returned) > 20 * 8192 / 2
     assert int(kept) <= 2 * 8192
+
+
+@pytest.fixture
+def thawed() -> Iterator[None]:
+    """Let the collector see all again, before and after."""
+    gc.unfreeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("thawed")
+def test_what_was_imported_is_not_looked_through_for_garbage() -> None:
+    before = len(gc.get_objects())
+    # Those of torch alone are more than a hundred thousand.
+    assert before > 100_000
+    prepare_process(threads=torch.get_num_threads())
+    assert len(gc.get_objects()) < before / 10

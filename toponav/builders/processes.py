@@ -1,6 +1,7 @@
 """How a process computes, and collecting processes: started, watched, stopped."""
 
 import ctypes
+import gc
 import multiprocessing
 import os
 import subprocess
@@ -78,9 +79,11 @@ def prepare_process(*, threads: int | None, seed: int | None = None) -> None:
     """Set how a process computes: threads (as many as cores for ``None``) and memory.
 
     With a ``seed`` torch's generator is seeded. What it starts has a tracker of its
-    own, see `track_apart`.
+    own, see `track_apart`. What it has imported is not looked through for garbage any
+    more: that takes half a second, in which all of its threads wait.
     """
     torch.set_num_threads(threads or torch.get_num_threads())
+    gc.freeze()
     keep_freed_memory()
     track_apart()
     if seed is not None:

@@ -166,6 +166,8 @@ class TestLosses:
         monkeypatch.setattr(engine_module, "_SECONDS_WITHOUT_PROCESS", 0.5)
         forever = threading.Event()
         monkeypatch.setattr(vizdoom.DoomGame, "init", lambda _: forever.wait())
+        # It is not there before the first engine.
+        instances.registry().mkdir(mode=0o700, parents=True, exist_ok=True)
         before = set(instances.registry().iterdir())
         begin = time.monotonic()
         try:
