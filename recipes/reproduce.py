@@ -59,7 +59,7 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     # The runs, each in a process of its own recipe. Their tables are kept beside ours.
     experiments.keep_runs([*tries, *cells])
     maker = experiments.RunMaker(RECIPES, jobs=settings.jobs, poll_s=settings.poll_s)
-    chosen: list[str] = []
+    chosen = experiments.undrawn_sentences(settings)
     if tries:
         if settings.make:
             maker.make(*experiments.to_make(settings, tries))

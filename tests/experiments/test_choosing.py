@@ -18,6 +18,7 @@ from toponav.experiments import (
     make_groups,
     plan_cells,
     plan_tries,
+    undrawn_sentences,
     with_choices,
 )
 from toponav.experiments.found_runs import plain
@@ -131,6 +132,19 @@ def test_the_draw_that_covers_most_in_the_mean_is_taken(
         "random",
         "random",
     ]
+
+
+def test_a_reader_is_told_that_nothing_was_drawn(settings: ReproduceConfig) -> None:
+    assert undrawn_sentences(settings) == []
+    none = replace(settings, tries=0)
+    assert undrawn_sentences(none) == [
+        "tries=0: no row draws settings by chance; each has those that it names."
+    ]
+    # At the paper's scale each seed is a draw.
+    assert undrawn_sentences(replace(none, scale="paper")) == []
+    rows = [replace(row, drawn=[]) for row in none.experiment.rows]
+    fixed = replace(none.experiment, rows=rows, drawn=[])
+    assert undrawn_sentences(replace(none, experiment=fixed)) == []
 
 
 def test_a_row_without_a_choice_is_left_out_and_named(

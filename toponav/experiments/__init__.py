@@ -10,6 +10,7 @@ from toponav.experiments.choosing import (
     choice_sentences as choice_sentences,
     choose as choose,
     plan_tries as plan_tries,
+    undrawn_sentences as undrawn_sentences,
     with_choices as with_choices,
 )
 from toponav.experiments.estimates import (

@@ -171,3 +171,14 @@ def choice_sentences(settings: ReproduceConfig, choices: Sequence[Choice]) -> li
         for row in _choosing_rows(settings)
         if row.label not in chosen and settings.experiment.drawn_of(row)
     ]
+
+
+def undrawn_sentences(settings: ReproduceConfig) -> list[str]:
+    """What a reader is told of a table whose rows could have drawn, and did not.
+
+    At the paper's scale every seed is a draw.
+    """
+    drawn = any(map(settings.experiment.drawn_of, _choosing_rows(settings)))
+    if settings.tries or settings.scale == "paper" or not drawn:
+        return []
+    return ["tries=0: no row draws settings by chance; each has those that it names."]
