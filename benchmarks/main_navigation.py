@@ -20,7 +20,7 @@ from pathlib import Path
 import pandas as pd
 from pose_maps import read_settings
 
-from toponav.config import read_yaml
+from toponav.config import maze_label, read_yaml
 
 TOLD = ["maze", "seed", "closed", "pictures", "closes"]
 SHOWN = ["goals", "goals_low", "goals_high", "cuts", "success_1250", "success_5000"]
@@ -32,7 +32,8 @@ def read_tour(folder: Path) -> pd.DataFrame:
     given = read_yaml(folder / "config" / "config.yaml")
     explored = read_settings(Path(given["run"]))
     table = pd.read_csv(folder / "summary.csv").rename(columns={"replans": "cuts"})
-    table["maze"], table["seed"] = explored.maze.name, explored.seed
+    maze = explored.maze
+    table["maze"], table["seed"] = maze_label(maze.name, maze.path), explored.seed
     table["closed"] = "".join(given["maze"]["blocked"]) or "nothing"
     table["pictures"] = given["goals"]["source"]
     closes = given["navigator"].get("block_after") is not None

@@ -23,8 +23,9 @@ import torch
 from pose_maps import read_settings
 from torchrl.envs import InitTracker, TransformedEnv
 
-from toponav.builders import collect_rollout
-from toponav.envs import MazeEnv, load_maze
+from toponav.builders import collect_rollout, make_layout
+from toponav.config import maze_label
+from toponav.envs import Layout, MazeEnv
 from toponav.keys import CELL
 from toponav.policies import RandomPolicy
 
@@ -36,9 +37,8 @@ MAP = (
 
 
 @cache
-def random_to_cover(maze: str, fed: int, envs: int, length: int, seed: int) -> int:
+def random_to_cover(layout: Layout, fed: int, envs: int, length: int, seed: int) -> int:
     """Decisions until random walks have seen every cell, as described above."""
-    layout = load_maze(maze)
     base = MazeEnv(
         layout, batch_size=fed, privileged=True, seed=seed, episode_length=length + 1
     )
@@ -66,8 +66,9 @@ def read_run(run: Path) -> dict[str, object]:
     phases = pd.read_csv(run / "phases.csv").set_index("phase")["seconds"]
     last = pd.read_csv(run / "map.csv").iloc[-1]
     coverage = 100 * played["coverage"].mean()
-    row: dict[str, object] = {"maze": settings.maze.name, "seed": settings.seed}
-    row["networks"] = settings.pretraining.maze or settings.maze.name
+    maze = maze_label(settings.maze.name, settings.maze.path)
+    row: dict[str, object] = {"maze": maze, "seed": settings.seed}
+    row["networks"] = settings.pretraining.maze or maze
     row["decisions"] = int(last["decisions"])
     for name in ("best", "last", "random", "sticky"):
         if name in coverage:
@@ -88,8 +89,8 @@ def read_run(run: Path) -> dict[str, object]:
         row[f"minutes_{name}"] = round(took / 60, 1)
     row["waypoints_per_cell"] = round(last["waypoints"] / last["cells"], 1)
     row |= {name: float(f"{last[name]:.4g}") for name in MAP}
-    envs = settings.collect.envs
-    given = settings.maze.name, settings.map.envs or envs, envs, length
+    layout, envs = make_layout(settings.maze), settings.collect.envs
+    given = layout, settings.map.envs or envs, envs, length
     walked = [random_to_cover(*given, seed) for seed in range(3)]
     return row | {"random_decisions_to_cover": round(sum(walked) / 3)}
 
