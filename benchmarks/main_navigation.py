@@ -24,6 +24,7 @@ from toponav.config import maze_label, read_yaml
 
 TOLD = ["maze", "seed", "closed", "pictures", "closes"]
 SHOWN = ["goals", "goals_low", "goals_high", "cuts", "success_1250", "success_5000"]
+SUCCESS = SHOWN[-2:]  # of 30 episodes one is 0.033
 SHOWN += ["cuts_blockage", "cuts_false_edge", "cuts_false_block", "detection_delay"]
 
 
@@ -39,7 +40,7 @@ def read_tour(folder: Path) -> pd.DataFrame:
     closes = given["navigator"].get("block_after") is not None
     table["closes"] = "yes" if closes else "no"
     table["decisions"] = given["maze"]["episode_length"]
-    table[SHOWN] = table[SHOWN].round(1)
+    table[SHOWN] = table[SHOWN].round(1).assign(**table[SUCCESS].round(3))
     return table[[*TOLD, "policy", "episodes", "decisions", *SHOWN]]
 
 
