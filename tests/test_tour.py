@@ -80,8 +80,8 @@ def test_a_sweep_makes_readable_folders(tmp_path: Path) -> None:
         ),
         (
             ["maze=file", "maze.path=nowhere.txt"],
-            "tour: layout 'nowhere.txt': the file must exist, and no such file was "
-            "found",
+            "tour: maze.path: layout 'nowhere.txt': the file must exist, and no such "
+            "file was found",
         ),
         (
             ["maze=maze1", "maze.apples=60"],

@@ -19,11 +19,16 @@ def make_layout(config: MazeConfig) -> Layout:
     """The maze that a configuration names; `SettingsError` if it is not valid."""
     if config.name == "file":
         assert config.path is not None  # MazeConfig checks it
-        return load_layout_file(config.path)
+        return _read_layout(config.path)
     if config.name == "random":
         size = config.rows, config.cols
         return make_random_layout(*size, seed=config.seed, loops=config.loops)
     return load_maze(config.name)
+
+
+@refusing("maze.path: ")
+def _read_layout(path: str) -> Layout:
+    return load_layout_file(path)
 
 
 @refusing("")
