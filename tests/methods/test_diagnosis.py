@@ -110,6 +110,20 @@ def test_a_waypoint_beside_another_one_is_joined_with_it_alone(explored):
     assert cost[1].item() == pytest.approx(3 / 33.1 + 10 / 20.01709)
 
 
+def test_waypoints_that_are_far_apart_are_joined_by_the_cheapest_walks(explored):
+    knowledge, truth = explored
+    # What looks east in (1, 1), (1, 3), (3, 1) and (3, 3), the corners of the ring: two
+    # cells apart on foot, 256 units, but for those across, which are four apart.
+    few = type(truth)(truth.poses[[0, 8, 20, 28]], truth.layout, truth.distances)
+    assert few.poses[:, 2].unique().tolist() == [0]
+    edges, cost = true_edges(few, world=knowledge.world)
+    assert len(edges) == 3
+    assert {0, 1, 2, 3} == set(edges.flatten().tolist())
+    assert [0, 3] not in edges.tolist()
+    assert [1, 2] not in edges.tolist()
+    assert cost.tolist() == pytest.approx([256 / 33.1] * 3)
+
+
 def privileged(policy) -> set[str]:
     return {key[1] for key in policy.in_keys if key[0] == PRIVILEGED}
 

@@ -3,7 +3,11 @@
 They read privileged keys, and no agent gets them.
 """
 
+import numpy as np
 import torch
+from scipy.cluster.hierarchy import DisjointSet
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
@@ -22,7 +26,7 @@ from toponav.keys import (
     TRUE_PLACE,
     select_entries,
 )
-from toponav.worlds import WorldSpec
+from toponav.worlds import Motion, WorldSpec
 
 #: Cells of a route that steering looks at.
 _HOPS = 3
@@ -131,7 +135,8 @@ def true_edges(truth: GroundTruth, *, world: WorldSpec) -> tuple[Tensor, Tensor]
     One waypoint stands for each half of a cell, east and north, and each direction of
     45 degrees. Those of them that lie within 1.1 cells on foot and look at most 100
     degrees apart are joined, and each other waypoint is joined with the one that stands
-    for it. Costs are decisions, steps and turns.
+    for it. Where waypoints are so few that parts are left, the cheapest walks between
+    these join them. Costs are decisions, steps and turns.
 
     Returns:
         Edges, int64 ``[E, 2]``, the lower waypoint first, and float32 ``[E]``.
@@ -148,11 +153,38 @@ def true_edges(truth: GroundTruth, *, world: WorldSpec) -> tuple[Tensor, Tensor]
     near = _AWAY * motion.cell_size
     pairs = chosen[(gap <= near).triu(1).nonzero()]
     rest = (stands != numbers).nonzero().flatten()
-    own = torch.stack([stands[rest], rest], 1)
-    edges = torch.cat([pairs, own])
-    one, other = poses[edges].unbind(1)
-    away = truth.distances.geodesic(one[:, :2], other[:, :2])
-    turned = wrap_degrees(one[:, 2] - other[:, 2]).abs()
+    edges = torch.cat([pairs, torch.stack([stands[rest], rest], 1)])
+    away, turned = _walks(truth, edges)
     kept = (away <= near) & (turned <= _TURN)
+    edges = edges[kept]
+    edges = torch.cat([edges, _between_parts(truth, edges, chosen, motion)])
+    away, turned = _walks(truth, edges)
     cost = away / motion.step + turned / motion.turn
-    return edges[kept], cost[kept].clamp(min=0.1).float()
+    return edges, cost.clamp(min=0.1).float()
+
+
+def _walks(truth: GroundTruth, pairs: Tensor) -> tuple[Tensor, Tensor]:
+    """Map units on foot and degrees between the waypoints of pairs ``[P, 2]``."""
+    one, other = truth.poses[pairs].unbind(1)
+    away = truth.distances.geodesic(one[:, :2], other[:, :2])
+    return away, wrap_degrees(one[:, 2] - other[:, 2]).abs()
+
+
+def _between_parts(
+    truth: GroundTruth, edges: Tensor, among: Tensor, motion: Motion
+) -> Tensor:
+    """The cheapest pairs ``[P, 2]`` of some waypoints that join the parts of a map."""
+    num, ones = len(truth.poses), np.ones(len(edges))
+    joined = csr_array((ones, tuple(edges.T.numpy())), shape=(num, num))
+    num_parts, part = connected_components(joined, directed=False)
+    if num_parts == 1:
+        return edges[:0]
+    pairs = among[torch.combinations(torch.arange(len(among)))]
+    pairs = pairs[torch.from_numpy(np.diff(part[pairs.numpy()])[:, 0] != 0)]
+    away, turned = _walks(truth, pairs)
+    pairs = pairs[(away / motion.step + turned / motion.turn).argsort()]
+    # Of each two parts the cheapest walk, then of these the cheapest that are needed.
+    ends = np.sort(part[pairs.numpy()], 1)
+    first = np.sort(np.unique(ends, axis=0, return_index=True)[1])
+    parts = DisjointSet(range(num_parts))
+    return pairs[[one for one in first.tolist() if parts.merge(*ends[one].tolist())]]
