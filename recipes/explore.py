@@ -47,7 +47,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     world, networks = methods.make_world(settings), None
     training.require_explore_room(settings, world, folder)
     for hint in reports.large_maze_hints(settings, world):
-        print(hint, flush=True)
+        print(hint)
     baselines = reports.start_baselines(settings, world)
     if settings.pretrained or methods.REWARDS[settings.reward.name].needs_networks:
         schedule.begin(reports.PRETRAIN)
