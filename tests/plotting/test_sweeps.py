@@ -41,6 +41,28 @@ def test_a_band_is_where_all_runs_have_been() -> None:
     assert (mean[-1], low[-1], high[-1]) == (45, 30, 60)
 
 
+def test_a_band_keeps_the_decisions_that_runs_share() -> None:
+    x, mean, _, _ = band(group(([1, 10, 100], [0, 20, 40]), ([1, 10, 100], [2, 4, 6])))
+    assert (x.tolist(), mean.tolist()) == ([1, 10, 100], [1, 12, 23])
+
+
+def test_no_two_of_many_groups_look_alike() -> None:
+    line = group(([0.0, 9.0], [40.0, 60.0]))
+    panels = {"maze1": {str(number): line for number in range(10)}}
+    (axes,) = draw_learning_curves(panels, {}, label="%").axes
+    looks = {(line.get_color(), line.get_linestyle()) for line in axes.lines}
+    assert len(looks) == 10
+
+
+def test_a_logarithmic_axis_of_decisions() -> None:
+    panels = {"maze1": {"a": group(([10.0, 5000.0], [40.0, 60.0]))}}
+    (axes,) = draw_learning_curves(panels, {}, label="%", log_x=True).axes
+    axes.figure.canvas.draw()
+    assert axes.get_xscale() == "log"
+    shown = [text.get_text() for text in axes.get_xticklabels()]
+    assert {"10", "100", "1 k"} <= set(shown)
+
+
 @pytest.mark.parametrize(
     "runs",
     [[], [([1.0], [NAN])], [([0.0, 1.0], [5.0, 5.0]), ([2.0, 3.0], [5.0, 5.0])]],

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from toponav.runs import replacing
 
@@ -121,10 +121,18 @@ def show_percent(axes: Axes) -> None:
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
 
 
-def show_thousands(axes: Axes) -> None:
-    """Show the horizontal axis, of decisions, such as 150 k or 2.5 M."""
+def show_thousands(axes: Axes, *, log: bool = False) -> None:
+    """Show the horizontal axis, of decisions, such as 150 k or 2.5 M.
+
+    It begins at 0, or is logarithmic.
+    """
+    if log:
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_locator(NullLocator())
+    else:
+        axes.set_xlim(left=0)
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.xaxis.set_major_formatter(EngFormatter(sep=" "))
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 
 def save_figure(figure: Figure, path: Path | str, *, dpi: float = 120) -> None:

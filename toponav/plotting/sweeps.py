@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import cycle
+from itertools import cycle, product
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,10 @@ def band(runs: Runs) -> tuple[Floats, Floats, Floats, Floats]:
         return (np.empty(0),) * 4
     first = max(x[0] for x, _ in known)
     last = min(x[-1] for x, _ in known)
-    grid = np.linspace(first, last, 200) if first <= last else np.empty(0)
+    if all(np.array_equal(x, known[0][0]) for x, _ in known):
+        grid = known[0][0]
+    else:
+        grid = np.linspace(first, last, 200) if first <= last else np.empty(0)
     values = np.stack([np.interp(grid, x, y) for x, y in known])
     return grid, values.mean(0), values.min(0), values.max(0)
 
@@ -40,11 +43,13 @@ def draw_learning_curves(
     label: str,
     title: str = "",
     x: str = "decisions of the training",
+    log_x: bool = False,
 ) -> Figure:
     """Draw the mean of each group of runs and a band from its worst to its best run.
 
     Groups are by panel and name, and so are ``levels``, values to mark with a line
-    across; ``label`` stands at the vertical axis and ``x`` at the other.
+    across; ``label`` stands at the vertical axis and ``x`` at the other, which is
+    logarithmic with ``log_x``.
 
     Examples:
         >>> x, y = np.arange(3.0), np.array([40.0, 60.0, 80.0])
@@ -55,18 +60,18 @@ def draw_learning_curves(
     """
     figure, grid = _new_grid(len(panels), title)
     for axes, (heading, groups) in zip(grid, panels.items(), strict=True):
-        colours = cycle(style.PALETTE)
-        for (name, runs), colour in zip(groups.items(), colours, strict=False):
+        looks = cycle(product(style.DASHES, style.PALETTE))
+        for (name, runs), (dashes, colour) in zip(groups.items(), looks, strict=False):
             at, middle, low, high = band(runs)
             count = f"{len(runs)} run{'s' * (len(runs) > 1)}"
             name = f"{name} ({count})" if name else count
             axes.fill_between(at, low, high, color=colour, alpha=0.18, linewidth=0)
-            axes.plot(at, middle, color=colour, linewidth=style.LINE, label=name)
+            look = {"color": colour, "linestyle": dashes, "linewidth": style.LINE}
+            axes.plot(at, middle, label=name, **look)
         marked = levels.get(heading, {})
         style.add_levels(axes, {f"{name} {of:.1f}": of for name, of in marked.items()})
-        axes.set_xlim(left=0)
         axes.set_ylim(0, 102)
-        style.show_thousands(axes)
+        style.show_thousands(axes, log=log_x)
         labels = {"x": x, "y": label, "note": _BAND}
         style.finish(axes, title=heading, legend="below", **labels)
     return figure

@@ -23,6 +23,8 @@ from toponav.runs import read_navigation
 
 # The policy that a row is about, and the one that is the most there can be.
 _CHOSEN, _ORACLE = "navigator", "oracle"
+#: Decisions at which the figure begins.
+_FIRST = 10
 
 
 def navigate_table(groups: Sequence[Group], *, draws: int) -> pd.DataFrame:
@@ -58,7 +60,8 @@ def navigation_curves(groups: Sequence[Group], *, title: str) -> Figure:
                 panel[name] = [_curve(one["first_goal"]) for one in tables.values()]
     label = "episodes that have reached a goal (%)"
     x = "decisions of an episode"
-    return draw_learning_curves(panels, {}, label=label, title=title, x=x)
+    # Who knows the way is there in tens of decisions, who does not in thousands.
+    return draw_learning_curves(panels, {}, label=label, title=title, x=x, log_x=True)
 
 
 def _played(group: Group, policy: str) -> dict[int, pd.DataFrame]:
@@ -118,5 +121,5 @@ def _difference(
 
 
 def _curve(first: "pd.Series[float]") -> tuple[Floats, Floats]:
-    times = np.linspace(0, max(WITHIN), 201)
+    times = np.geomspace(_FIRST, max(WITHIN), 201)
     return times, 100 * success_within(first, times)
