@@ -66,8 +66,7 @@ def draw_learning_curves(
             count = f"{len(runs)} run{'s' * (len(runs) > 1)}"
             name = f"{name} ({count})" if name else count
             axes.fill_between(at, low, high, color=colour, alpha=0.18, linewidth=0)
-            look = {"color": colour, "linestyle": dashes, "linewidth": style.LINE}
-            axes.plot(at, middle, label=name, **look)
+            axes.plot(at, middle, dashes, c=colour, lw=style.LINE, label=name)
         marked = levels.get(heading, {})
         style.add_levels(axes, {f"{name} {of:.1f}": of for name, of in marked.items()})
         axes.set_ylim(0, 102)
