@@ -1,5 +1,7 @@
 """What is said of a maze that is larger than the defaults are for."""
 
+import math
+
 from tests.exploring import explore_settings, world_of
 from toponav.reports import large_maze_hints
 
@@ -32,6 +34,21 @@ def test_short_episodes_of_a_large_maze() -> None:
     assert f"maze.episode_length={round(cells * 1_800 / 63)} has" in length
     assert memory.startswith("An episode remembers 200 waypoints, fewer than every sec")
     assert "reward.capacity=null" in memory
+
+
+def test_a_map_that_is_fed_few_views() -> None:
+    few = "maze.episode_length=14000", "reward.capacity=null", "collect.envs=64"
+    few += "collect.decisions=400000", "map.poses=true"
+    cells = world_of(explore_settings(*MAZE)).layout.num_cells
+    # 400,000 x 8 / 64 = 50,000 views, 794 for each cell of a maze of 63.
+    (hint,) = hints(*MAZE, *few, "map.envs=8")
+    assert hint.startswith(f"The map is fed {round(50_000 / cells)} views for each of")
+    enough = math.ceil(50_000 / 63 * cells / 6_250)
+    assert f"map.envs={enough} feeds it those of {enough} of the 64 mazes" in hint
+    assert hints(*MAZE, *few, f"map.envs={enough}") == []
+    # No map by poses, or the views of all mazes.
+    for more in "map.poses=false", "map.envs=null", "map.envs=64":
+        assert hints(*MAZE, *few, "map.envs=8", more) == []
 
 
 def test_what_is_said_helps() -> None:
