@@ -46,6 +46,10 @@ def test_a_map_that_is_fed_few_views() -> None:
     enough = math.ceil(50_000 / 63 * cells / 6_250)
     assert f"map.envs={enough} feeds it those of {enough} of the 64 mazes" in hint
     assert hints(*MAZE, *few, f"map.envs={enough}") == []
+    # 794 / 3 = 264.6 views a cell are not few.
+    least = math.ceil(50_000 / 63 / 3 * cells / 6_250)
+    assert hints(*MAZE, *few, f"map.envs={least}") == []
+    assert len(hints(*MAZE, *few, f"map.envs={least - 1}")) == 1
     # No map by poses, or the views of all mazes.
     for more in "map.poses=false", "map.envs=null", "map.envs=64":
         assert hints(*MAZE, *few, "map.envs=8", more) == []
