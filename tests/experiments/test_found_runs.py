@@ -34,6 +34,15 @@ def test_only_what_changes_a_result_changes_the_key() -> None:
     assert run_key("pretrain", SETTINGS) != key
 
 
+def test_words_for_another_recipe_count_if_they_change_its_result() -> None:
+    def key(*words: str) -> str:
+        return run_key("explore", {**SETTINGS, "pretraining": {"overrides": [*words]}})
+
+    assert key("train.threads=1", "+device=cuda") == key()
+    updates = key("train.updates=5", "train.threads=2")
+    assert updates == key("train.updates=5") != key()
+
+
 def test_a_run_is_found_at_any_depth(tmp_path: Path) -> None:
     folder = save(tmp_path / "by/hand/run-1", {**SETTINGS, "maze": {"name": "maze1"}})
     save(tmp_path / "others", SETTINGS, recipe="tour")

@@ -30,6 +30,8 @@ _NOT_RESULTS = frozenset(
         *("evaluate.random_folder", "train.threads", "train.save_every_s"),
     )
 )
+#: Settings that hold words for another recipe, of which the same is left out.
+_WORDS = "pretraining.overrides"
 #: Settings that name the run of others.
 OTHER_RUNS = ("pretrained", "init_from", "init_policy", "run", "navigator.policy")
 _RUN = "run "
@@ -56,8 +58,15 @@ def run_key(recipe: str, settings: Mapping[str, Any]) -> str:
         for name, value in _flat(settings)
         if name not in _NOT_RESULTS and value is not None
     }
+    if _WORDS in values:
+        values[_WORDS] = [one for one in values[_WORDS] if _matters(one)]
     text = json.dumps([recipe, values], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _matters(word: str) -> bool:
+    """Whether a run's result depends on a word of a command line."""
+    return word.partition("=")[0].lstrip("+") not in _NOT_RESULTS
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
