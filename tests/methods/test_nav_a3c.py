@@ -1,8 +1,10 @@
 """Nav A3C, and with D2L: its network, its tasks, and who reads the ground truth."""
 
 import copy
+import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 import torch
@@ -14,7 +16,7 @@ from toponav.config import SettingsError
 from toponav.methods import LEARNERS, make_reward
 from toponav.methods.learners.nav_a3c_d2l import depth_classes, judge_heads
 from toponav.modules import NavActorCritic
-from toponav.training import Explorer, make_explore_env
+from toponav.training import Explorer, make_explore_env, require_explore_room
 
 BOTH = pytest.mark.parametrize("name", ["nav_a3c", "nav_a3c_d2l"])
 SMALL = ("reward=extrinsic", "policy.view_size=36", "loss.rollout=10")
@@ -288,7 +290,9 @@ def test_settings_out_of_range_are_refused(words: list[str], message: str) -> No
 
 
 @BOTH
-def test_worlds_without_a_velocity_and_embeddings_are_refused(name: str) -> None:
+def test_worlds_without_a_velocity_and_embeddings_are_refused(
+    name: str, tmp_path: Path
+) -> None:
     config = explore_settings(*SMALL, f"loss={name}")
     world = world_of(config)
     world.senses = ()
@@ -298,6 +302,9 @@ def test_worlds_without_a_velocity_and_embeddings_are_refused(name: str) -> None
         LEARNERS[name](
             config, world, reward="reward", check=unchecked, progress=lambda: 0.0
         )
+    world.spec = dataclasses.replace(world.spec, motion=None)
+    with pytest.raises(SettingsError, match=rule):
+        require_explore_room(config, world, tmp_path)
     embedded = explore_settings(f"loss={name}")
     with pytest.raises(SettingsError, match="pixels with loss=nav_a3c"):
         LEARNERS[name].make_policy(embedded, world_of(embedded))

@@ -14,6 +14,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from tests.composed import settings
 from tests.explored import Explored, make_run, navigate_settings
+from tests.methods.test_diagnosis import stand
 from toponav.builders import (
     GoalPlaces,
     GroundTruth,
@@ -212,6 +213,22 @@ def test_a_navigator_by_poses_can_be_told_the_truth(posed: Path) -> None:
     )
     with pytest.raises(SettingsError, match="with navigator=topological or poses, got"):
         make_policies(settings, *explored)
+
+
+def test_its_belief_follows_what_true_steering_does(posed: Path) -> None:
+    words = "navigator=poses", "evaluate.policies=[perfect_controller]"
+    settings = navigate_settings(posed, *words)
+    explored = load_exploration(settings)
+    policy = make_policies(settings, *explored)["perfect_controller"]
+    drawn, done = [], []
+    data = look(explored, 0, 16).update(stand(explored, (1, 1), 0.0))
+    for _ in range(10):
+        alone = policy[0](data.clone())
+        drawn.append(alone[ACTION].tolist())
+        done.append(policy(data)[ACTION].tolist())
+        assert policy[0].sampler.last_action.tolist() == done[-1]
+    # By itself it would have acted in another way.
+    assert drawn != done
 
 
 @pytest.mark.parametrize(

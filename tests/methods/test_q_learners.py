@@ -176,6 +176,45 @@ def test_nothing_is_learned_of_what_follows(
     assert seen == [(True, False)]
 
 
+def test_what_follows_is_judged_by_the_views_of_the_slice_and_its_episode() -> None:
+    learner = make_learner("drqn", "loss.gamma=1", "loss.unroll=6")
+    none = torch.zeros(1, 6, 1, dtype=torch.bool)
+    torch.manual_seed(0)
+    views = torch.randint(256, (1, 7, *SIZE, 3), dtype=torch.uint8)
+    # An episode of three decisions, and the first three of another one.
+    starts = torch.tensor([0, 0, 0, 1, 0, 0, 0]).bool().reshape(1, 7, 1)
+    seen = []
+
+    def following(views: torch.Tensor) -> list[float]:
+        now = {POLICY_PIXELS: views[:, :-1], IS_INIT: starts[:, :-1]}
+        later = {POLICY_PIXELS: views[:, 1:], IS_INIT: starts[:, 1:]}
+        batch = TensorDict({**now, "action": none[..., 0].long()}, [1, 6])
+        later |= {"reward": none.float(), "done": none, "terminated": none}
+        batch["next"] = TensorDict(later, [1, 6])
+        batch["collector", "mask"] = ~none
+        learner.compute_loss(batch)
+        return seen.pop().flatten().tolist()
+
+    def note(value: torch.Tensor, target: torch.Tensor, *rest: str) -> torch.Tensor:
+        seen.append(target)
+        return distance_loss(value, target, *rest)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dqn, "distance_loss", note)
+        found = following(views)
+        for changed, alone in ((0, range(2)), (1, range(2)), (3, range(2, 6))):
+            other = views.clone()
+            other[:, changed] = 255 - other[:, changed]
+            moved = [
+                one != two for one, two in zip(found, following(other), strict=True)
+            ]
+            # Of its own episode what comes with it or later, of the other one nothing:
+            # the view after decision 2 is the first one of the second episode.
+            assert moved == [row in alone and row >= changed - 1 for row in range(6)], (
+                changed
+            )
+
+
 @pytest.mark.slow
 @BOTH
 def test_it_learns_which_action_pays(name: str) -> None:

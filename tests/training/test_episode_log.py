@@ -73,6 +73,21 @@ def test_episodes_that_were_cut_short_are_not_counted() -> None:
     assert log.last_episode is None
 
 
+def test_an_episode_that_the_world_ends_is_whole() -> None:
+    config, log = explore_settings(), make_log(2)
+    batch = make_batch(config, envs=(0, 1))
+    for name in ("done", "terminated", "truncated"):
+        batch["next", name] = batch["next", name].clone()
+    # Both end after 10 of 64 decisions, the second one because it is cut short.
+    batch["next", "done"][:, 9] = True
+    batch["next", "terminated"][0, 9] = batch["next", "truncated"][1, 9] = True
+    (row,) = add(log, batch)
+    paid = batch["next", INTRINSIC_REWARD][0, :10].double().sum()
+    assert row["intrinsic_return"] == pytest.approx(float(paid))
+    assert log.last_episode is not None
+    assert log.last_episode.batch_size == (10,)
+
+
 def test_the_last_whole_episode_of_the_first_environment_is_kept() -> None:
     config = explore_settings()
     log = make_log(4)

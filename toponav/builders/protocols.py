@@ -156,15 +156,20 @@ class Learner(Consumer, ABC):
     ) -> None:
         assert isinstance(settings.loss, self.schema)
         self.config = settings.loss
-        needed = dict.fromkeys([*self.senses, *self.taught])
-        rule = f"loss={self.config.name} must have a world that gives "
-        lacking = [name for name in needed if name not in world.senses]
-        require(not lacking, rule + " and ".join(needed), f"{world.name} without")
+        self.require_senses(settings, world)
         self.device = make_device(settings.device)
         self.policy = self.make_policy(settings, world).to(self.device)
         self.reward = reward
         self.check = check
         self.progress = progress
+
+    @classmethod
+    def require_senses(cls, settings: ExploreConfig, world: World) -> None:
+        """Refuse a world that lacks a sense which its policy or its losses read."""
+        needed = dict.fromkeys([*cls.senses, *cls.taught])
+        rule = f"loss={settings.loss.name} must have a world that gives "
+        lacking = [name for name in needed if name not in world.senses]
+        require(not lacking, rule + " and ".join(needed), f"{world.name} without")
 
     @staticmethod
     @abstractmethod
@@ -181,6 +186,9 @@ class Learner(Consumer, ABC):
         The environment gives the ground truth and all that is `taught`.
         """
         return []
+
+    def synchronise(self) -> None:
+        """Bring copies of the policy in line with it, after it was given weights."""
 
     def settle(self, policy: TensorDictModuleBase) -> None:
         """Make a trained policy what it is to be, before it is evaluated and kept."""

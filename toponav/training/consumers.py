@@ -21,6 +21,7 @@ from toponav.builders import (
 )
 from toponav.config import ExploreConfig
 from toponav.methods import LEARNERS
+from toponav.runs import CHECKPOINT_FILE
 from toponav.training.checkpoints import ExplorationState
 from toponav.training.continued_training import ContinuedTraining, LocomotionFinetuner
 from toponav.training.episode_log import EpisodeLog, mean_of
@@ -101,8 +102,11 @@ def make_learner(
         check=partial(require_finite, folder=folder, setting="loss.lr"),
         progress=lambda: state.progress,
     )
-    if settings.init_policy is not None and not settings.resume:
+    # A resumed run has its own policy, unless it was cut off before it kept one.
+    begins = not settings.resume or not (folder / CHECKPOINT_FILE).is_file()
+    if settings.init_policy is not None and begins:
         load_policy(settings.init_policy, learner.policy)
+        learner.synchronise()
     return learner
 
 

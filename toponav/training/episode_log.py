@@ -18,15 +18,16 @@ Row = dict[str, Any]
 #: What pictures of an episode need, of the first observation too, where it is there.
 _POSES = (keys.POSITION, keys.HEADING, keys.CELL, keys.COVERAGE)
 _WAYPOINTS = (keys.IS_NEW_WAYPOINT, keys.SPURIOUS_WAYPOINT)
-_ENDS = (keys.DONE, keys.TRUNCATED, "step_count")
+_ENDS = (keys.DONE, keys.TERMINATED, keys.TRUNCATED, "step_count")
 
 
 class EpisodeLog(Consumer):
     """Adds up rewards per environment until its episode ends.
 
     Batches cut episodes anywhere, and those of several processes come in any order.
-    Only whole episodes are counted: not those that were cut short so that not all
-    environments end together, nor those that a lost engine ended.
+    Only whole episodes are counted, those that the world ended (*terminated*) and those
+    of full length: not those that were cut short so that not all environments end
+    together, nor those that a lost engine ended.
     The reward method names what is summed over an episode, and what is read at its end.
     ``num_envs`` counts the environments of all processes.
     """
@@ -66,6 +67,7 @@ class EpisodeLog(Consumer):
         summed = [later.get(key).squeeze(-1) for key in self.sums.values()]
         rewards = torch.stack(summed).double()
         done, envs = later.get(keys.DONE).squeeze(-1), batch.get(keys.ENV_ID)[:, 0, 0]
+        whole = self._are_whole(later)
         self.ended = []
         # A process that died took along what was left of its episodes.
         begins = later.get("step_count")[:, 0, 0] == 1
@@ -78,7 +80,7 @@ class EpisodeLog(Consumer):
             sums = self._totals[:, envs[row]] + rewards[:, row, span].sum(-1)
             self._totals[:, envs[row]] = 0.0
             start[row] = time + 1
-            if int(later.get("step_count")[row, time]) == self.episode_length:
+            if whole[row, time]:
                 self.ended.append(self._row(batch[row, time], sums))
         rest = torch.arange(done.shape[1]) >= start.unsqueeze(-1)
         self._totals[:, envs] += (rewards * rest).sum(-1)
@@ -120,15 +122,21 @@ class EpisodeLog(Consumer):
         self._pieces = [read(one) for one in state["pieces"]]
         self.last_episode = last and read(last)
 
+    def _are_whole(self, later: TensorDictBase) -> Tensor:
+        """Which decisions ``[E, T]`` are the last ones of whole episodes."""
+        is_last: Tensor = later.get("step_count") == self.episode_length
+        return torch.logical_or(is_last, later.get(keys.TERMINATED)).squeeze(-1)
+
     def _keep_first(self, batch: TensorDictBase, envs: Tensor, done: Tensor) -> None:
         """Keep what the first environment did since its episode began."""
         batch = batch.select(*self.in_keys, strict=False)
+        whole = self._are_whole(batch.get("next"))
         for row in (envs == 0).nonzero().flatten().tolist():
             start = 0
             for (time,) in done[row].nonzero().tolist():
                 self._pieces.append(batch[row, start : time + 1])
                 episode = torch.cat(self._pieces)
-                if len(episode) == self.episode_length:
+                if whole[row, time]:
                     self.last_episode = episode
                 self._pieces, start = [], time + 1
             self._pieces.append(batch[row, start:].clone())

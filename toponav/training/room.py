@@ -43,7 +43,10 @@ def require_explore_room(settings: ExploreConfig, world: World, folder: Path) ->
     needed = REWARDS[settings.reward.name].needs_networks
     has_networks = needed or settings.pretrained is not None
     settings = settings.resolved(settings.model if has_networks else None)
-    policy = weight_bytes(LEARNERS[settings.loss.name].make_policy(settings, world))
+    learner = LEARNERS[settings.loss.name]
+    # Before a policy is made, which may be of what such a sense measures.
+    learner.require_senses(settings, world)
+    policy = weight_bytes(learner.make_policy(settings, world))
     files: float = (_CHECKPOINTS + 1) * policy
     if needed and settings.pretrained is None:
         networks = weight_bytes(make_networks(settings.model, world.spec).modules)

@@ -6,7 +6,7 @@ from functools import partial
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torch import Tensor, nn
+from torch import nn
 from torchrl.data import Unbounded
 from torchrl.envs.transforms import TensorDictPrimer
 
@@ -119,20 +119,16 @@ class DQNLearner(QLearner):
         views, now, later = slices[POLICY_PIXELS], slices[:, -1], slices["next"][:, -1]
         # A view counts if no episode has begun after it.
         begun = slices[IS_INIT][:, 1:].flip(1).cumsum(1).flip(1).squeeze(-1) > 0
-        black = begun.reshape(*begun.shape, 1, 1, 1)
-        earlier = views[:, :-1].masked_fill(black, 0)
-        # After the decision: the oldest view is gone, unless one view is all there is.
-        following = torch.cat([earlier, views[:, -1:]], 1)[:, 1:]
+        earlier = views[:, :-1]
+        if begun.any():
+            earlier = earlier.masked_fill(begun.reshape(*begun.shape, 1, 1, 1), 0)
+        # The oldest first. After the decision it is gone, unless it is all there is.
+        stack = torch.cat([*earlier.unbind(1), views[:, -1]], -1)
         entries = {
             POLICY_PIXELS: views[:, -1],
             ACTION: now[ACTION],
             MASK: now[MASK],
-            FRAMES: _stack(earlier),
-            "next": later.set(FRAMES, _stack(following)),
+            FRAMES: stack[..., :-3],
+            "next": later.set(FRAMES, stack[..., 3:]),
         }
         return TensorDict(entries, now.batch_size)
-
-
-def _stack(views: Tensor) -> Tensor:
-    """From views ``[B, K, H, W, 3]`` to ``[B, H, W, 3 K]``, the oldest first."""
-    return views.movedim(1, 3).flatten(3)

@@ -1,14 +1,18 @@
 """DRQN: values of actions from the view and a memory."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from tensordict import TensorDictBase
+import torch
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.modules import LSTMModule, set_recurrent_mode
+from torchrl.objectives.value import TD0Estimator
 
+from toponav.builders import World
 from toponav.config import ExploreConfig, at_least
-from toponav.keys import ACTION_VALUE, HIDDEN, MEMORY_CELL, POLICY_PIXELS
+from toponav.keys import ACTION_VALUE, HIDDEN, IS_INIT, MEMORY_CELL, POLICY_PIXELS
 from toponav.methods.learners.q_learner import (
     QConfig,
     QConvolutions,
@@ -35,9 +39,9 @@ class DRQNConfig(QConfig):
 class DRQNLearner(QLearner):
     """DQN with an LSTM in place of its first linear layer, fed one view at a time.
 
-    It learns from slices anywhere in an episode, each from an empty memory. The older
-    copy, which says what follows, begins with what the network remembers of the first
-    view.
+    It learns from slices anywhere in an episode, each from an empty memory, and so does
+    the older copy, which says what follows: both remember the views of the slice alone,
+    and none of an episode before.
 
     Reference:
         Hausknecht and Stone, "Deep Recurrent Q-Learning for Partially Observable MDPs"
@@ -46,6 +50,14 @@ class DRQNLearner(QLearner):
 
     schema = DRQNConfig
     config: DRQNConfig
+
+    def __init__(self, settings: ExploreConfig, world: World, **given: Any) -> None:
+        super().__init__(settings, world, **given)
+        # TorchRL would begin the older copy where the slice has no memory, or that of
+        # the episode before. Without a network it reads what is written here.
+        estimator = TD0Estimator(gamma=self.config.gamma, value_network=None)
+        estimator.set_keys(value=self.loss.tensor_keys.value)
+        self.loss.make_value_estimator(estimator)
 
     @staticmethod
     def make_network(settings: ExploreConfig, num_actions: int) -> QPolicy:
@@ -66,8 +78,6 @@ class DRQNLearner(QLearner):
                 in_keys=["memory"],
                 out_keys=[ACTION_VALUE],
             ),
-            # The loss hands these to the older copy, of which nothing is learned.
-            TensorDictModule(_detach, in_keys=states, out_keys=states),
         )
         primer = lstm.make_tensordict_primer
         return QPolicy(network, primer, num_actions=num_actions)
@@ -77,8 +87,18 @@ class DRQNLearner(QLearner):
 
     def compute_loss(self, batch: TensorDictBase) -> Tensor:
         with set_recurrent_mode(True):
-            return super().compute_loss(batch)
+            value: NestedKey = ("next", self.loss.tensor_keys.value)
+            return super().compute_loss(batch.copy().set(value, self._following(batch)))
 
-
-def _detach(*states: Tensor) -> tuple[Tensor, ...]:
-    return tuple(state.detach() for state in states)
+    @torch.no_grad()
+    def _following(self, batch: TensorDictBase) -> Tensor:
+        """Values ``[B, L, 1]`` of the views after each decision, by the older copy."""
+        seen = {
+            key: torch.cat([batch[key][:, :1], batch["next", key]], 1)
+            for key in (POLICY_PIXELS, IS_INIT)
+        }
+        views = TensorDict(seen, [len(batch), self.config.unroll + 1])
+        network = self.loss.value_network
+        with self.loss.target_value_network_params.to_module(network):
+            values: Tensor = network(views)[self.loss.tensor_keys.value]
+        return values[:, 1:]

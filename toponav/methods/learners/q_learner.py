@@ -249,6 +249,9 @@ class QLearner(Learner):
             self.target.step()
         return measured["loss_value"]
 
+    def synchronise(self) -> None:
+        self.target.step()
+
     def settle(self, policy: TensorDictModuleBase) -> None:
         """Nearly greedy from now on, with the probability ``test_epsilon``."""
         assert isinstance(policy, QPolicy)
