@@ -70,6 +70,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
         episodes = training.restore_exploration(folder, state, consumers)
         # A run that is over goes on if it is given more decisions.
         state.count(0, state.seconds, settings.collect)
+        if state.progress < 1:
+            # Results of a run that was over are of fewer decisions, and not of it all.
+            (folder / "evaluation.csv").unlink(missing_ok=True)
     else:
         with stop_requests():
             training.save_exploration(folder, state, consumers)

@@ -80,6 +80,9 @@ def main(settings: PretrainConfig, folder: Path) -> None:
         settings, networks, buffer.storage, autocast=autocast, folder=folder
     )
     history = restore_training(folder, networks, trainer) if settings.resume else []
+    if settings.resume and trainer.updates < train.updates:
+        # The report of a run that was over is of fewer updates, and not of it all.
+        (folder / "report.json").unlink(missing_ok=True)
     started -= history[-1]["seconds"] if history else 0.0
 
     before = trainer.updates

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import psutil
@@ -19,8 +20,10 @@ import torch
 from tests.composed import settings
 from tests.exploring import explore_settings, make_policy, save_untrained
 from tests.forked import run_forked
+from toponav import reports
 from toponav.builders import load_networks
 from toponav.config import SettingsError
+from toponav.experiments.found_runs import is_finished
 from toponav.graph import load_map
 
 RECIPE = Path(__file__).parent.parent / "recipes" / "explore.py"
@@ -212,6 +215,23 @@ def test_a_run_that_is_over_goes_on_with_more_decisions(
     assert rows(folder / "episodes.csv")[:13] == rows(run / "episodes.csv")
     state = torch.load(folder / "checkpoint.pt", weights_only=True)["state"]
     assert (state["decisions"], state["progress"]) == (1280, 1.0)
+
+
+@pytest.mark.slow
+def test_one_that_ends_before_it_is_evaluated_again_has_no_results(
+    run: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    assert is_finished(folder)
+    cut_off = patch.object(reports, "evaluating", side_effect=KeyboardInterrupt)
+    words = (f"resume={folder}", "collect.decisions=1280")
+    done = run_forked("explore", *words, inside=cut_off)
+    assert done.returncode == 128 + signal.SIGINT, done.stderr
+    assert rows(folder / "metrics.csv")[-1]["decisions"] == "1280"
+    # Those that it had are of fewer decisions.
+    assert not is_finished(folder)
+    assert not (folder / "evaluation.csv").exists()
 
 
 @pytest.mark.slow

@@ -3,16 +3,19 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import psutil
 import pytest
 import torch
 
+from recipes import pretrain as recipe
 from tests.forked import run_forked
 from toponav.builders import load_networks
 from toponav.reports import EXPLORE, PRETRAIN, Schedule
@@ -134,6 +137,21 @@ def test_a_run_that_was_ended_goes_on_to_the_same_end(
     done = pretrain(f"resume={folder}")
     assert done.returncode == 0, done.stderr
     assert rows(folder) == rows(run)
+
+
+@pytest.mark.slow
+def test_one_that_goes_on_and_is_cut_off_has_no_report(
+    run: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    cut_off = patch.object(recipe, "write_reports", side_effect=KeyboardInterrupt)
+    words = (f"resume={folder}", "train.updates=22")
+    done = run_forked("pretrain", *words, inside=cut_off)
+    assert done.returncode == 128 + signal.SIGINT, done.stderr
+    assert rows(folder)[-1]["update"] == "22"
+    # The report that it had is of fewer updates.
+    assert not (folder / "report.json").exists()
 
 
 @pytest.mark.slow

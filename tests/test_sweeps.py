@@ -105,6 +105,34 @@ def test_a_sweep_goes_on_after_a_job_that_fails(tmp_path: Path) -> None:
     assert (job / "walk.gif").is_file()
 
 
+@pytest.mark.parametrize(
+    ("result", "hint"),
+    [("checkpoint.pt", " (did you mean resume='{}'?)"), ("walk.gif", "")],
+)
+def test_a_sweep_that_is_started_again_leaves_its_runs_alone(
+    tmp_path: Path, result: str, hint: str
+) -> None:
+    folder = tmp_path / "sweep" / "seed-0"
+    kept = make_folder(folder, result, "config/hydra.yaml", "tour.log")
+    words = (
+        "-m",
+        "seed=0,1",
+        "hydra.sweep.dir=sweep",
+        "hydra.sweep.subdir=seed-${seed}",
+    )
+    done = tour(tmp_path, *words, "video=avi")
+    assert done.returncode == 2
+    said = done.stderr.splitlines()
+    assert said[0] == (
+        "tour: hydra.sweep.dir must name a folder without results of another run, got "
+        f"'{folder}'{hint.format(folder)} (seed=0 video=avi tour=smoke maze=maze1)"
+    )
+    # The other job goes on, to its own mistake.
+    assert said[1].startswith("tour: video must be")
+    assert said[2] == "tour: not all jobs of the sweep succeeded"
+    assert files_of(folder) == kept
+
+
 @pytest.mark.slow
 def test_draws_of_a_sweep_are_plain_numbers_in_its_runs(tmp_path: Path) -> None:
     words = ["-m", "seed=3,4", "maze.paintings=${log_uniform:0.1,0.9}"]

@@ -13,7 +13,12 @@ from torchrl.envs import EnvBase
 
 from tests.composed import settings
 from tests.envs.layouts import LANE
-from toponav.builders import CollectionError, collect_batches, collect_frames
+from toponav.builders import (
+    CollectionError,
+    collect_batches,
+    collect_frames,
+    processes,
+)
 from toponav.config import PretrainConfig
 from toponav.envs import DEFAULT_ENGINE, MazeEnv, load_engine
 from toponav.worlds import WorldSpec
@@ -144,6 +149,48 @@ def test_a_caller_that_is_busy_does_not_take_a_process_for_one_that_hangs() -> N
     for _ in range(8):
         next(batches)
         time.sleep(0.25)
+
+
+class Clock:
+    """Stands in for the module ``time``: hours go by at once, as after Ctrl-Z."""
+
+    now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+class StoppedQueue(Queue):
+    """One whose user stops all of it while a batch is on its way."""
+
+    clock = Clock()
+
+    def __iter__(self) -> Iterator[TensorDict]:
+        time.sleep(1.5)
+        self.clock.now += 3600
+        time.sleep(1.5)
+        yield TensorDict()
+
+
+def test_processes_that_were_stopped_with_all_of_the_run_go_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    killed, queue = [], StoppedQueue([0], 0)
+    monkeypatch.setattr(processes, "time", queue.clock)
+    monkeypatch.setattr(processes, "_kill_children", lambda: killed.append(1))
+    next(collect_batches(queue, max_idle_s=60))
+    assert not killed
+
+
+def test_one_that_was_stopped_in_its_work_may_be_overtaken_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(processes, "time", clock)
+    batches = collect_batches(Queue([0, 1, 0, 0, 1], 0), max_idle_s=60)
+    for number in range(5):
+        next(batches)
+        clock.now += 3600 if number == 1 else 1
 
 
 def assert_no_process_is_left() -> None:

@@ -8,12 +8,15 @@ from omegaconf import OmegaConf
 from tests.sweeps import make_exploration, make_pretraining, write_table
 from toponav.experiments.found_runs import (
     find_keys,
+    find_mapped,
     is_finished,
     named_run,
     run_key,
     seconds_of,
 )
 
+#: What an exploration without a map has, too.
+OFF = {"locomotion": {"learn": False}}
 SETTINGS = {"seed": 1, "threads": 1, "loss": {"lr": 0.1}, "pretrained": None}
 
 
@@ -79,17 +82,41 @@ def test_a_finished_run_comes_before_one_that_was_cut_off(tmp_path: Path) -> Non
     assert find_keys(tmp_path)[run_key("explore", {"seed": 0})] == done
 
 
-@pytest.mark.parametrize(("minutes", "finished"), [(None, False), (5.0, True)])
+def test_one_that_was_cut_off_hides_no_finished_one_with_a_map(tmp_path: Path) -> None:
+    collect = {"decisions": 400}
+    done = make_exploration(tmp_path / "a", best=[0.9])
+    write_table(done / "metrics.csv", [{"decisions": 400}])
+    for folder in (done, tmp_path / "b"):
+        save(folder, {"collect": collect, "map": {"grow": True}})
+    key = run_key("explore", {"collect": collect, "map": {"grow": False}} | OFF)
+    assert find_mapped(tmp_path) == {key: done}
+
+
+@pytest.mark.parametrize(
+    ("minutes", "finished"), [(None, False), (5.0, True), (5.1, False)]
+)
 def test_one_that_goes_on_is_not_finished(
     tmp_path: Path, minutes: float | None, finished: bool
 ) -> None:
     folder = make_exploration(tmp_path, best=[0.9])
     collect = {"decisions": 800, "minutes": minutes}
     save(folder, {"collect": collect})
-    write_table(folder / "metrics.csv", [{"decisions": 400, "seconds": 9.0}])
+    # Its last batch ended at 300.0004 s.
+    write_table(folder / "metrics.csv", [{"decisions": 400, "seconds": 300}])
     assert is_finished(folder) == finished
     save(folder, {"collect": collect | {"decisions": 400}})
     assert is_finished(folder)
+
+
+@pytest.mark.parametrize(("updates", "finished"), [(2, True), (3, False)])
+def test_a_pre_training_that_goes_on_is_not_finished(
+    tmp_path: Path, updates: int, finished: bool
+) -> None:
+    folder = make_pretraining(tmp_path, mazes={"maze1": 0.9})
+    (folder / "networks.pt").touch()
+    save(folder, {"train": {"updates": updates}}, recipe="pretrain")
+    assert is_finished(folder) == finished
+    assert is_finished(folder, networks=False) == finished
 
 
 def test_a_navigation_is_known_by_the_runs_that_it_plays(tmp_path: Path) -> None:

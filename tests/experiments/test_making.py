@@ -1,5 +1,6 @@
 """Runs are made once, go on after a kill, and a failing one ends nothing."""
 
+import math
 import multiprocessing
 import os
 import shutil
@@ -7,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +17,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from tests.forked import own_progress
-from toponav.experiments import Cell, RunMaker, kept_runs
+from tests.sweeps import write_table
+from toponav.experiments import Cell, RunMaker, kept_runs, making
 from toponav.experiments.making import last_sentence
 
 FAKE = Path(__file__).with_name("fake_recipe.py")
@@ -149,6 +152,54 @@ def test_runs_are_asked_to_stop_with_their_maker(tmp_path: Path) -> None:
         maker.make([cell], {})
     # It was asked, and had the time to save its state.
     assert found[0].returncode == -signal.SIGTERM
+
+
+class Clock:
+    """Stands in for the module ``time``."""
+
+    now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def test_a_pre_training_is_not_in_the_rate_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, cell = Clock(), make_cell(tmp_path, "one")
+    monkeypatch.setattr(making, "time", clock)
+    maker = RunMaker(recipes(tmp_path), jobs=1, poll_s=0.02)
+    maker.expected = {"one": 120.0}
+    none: subprocess.Popen[bytes] = subprocess.Popen(["true"])
+    none.wait()
+    held = ExitStack()
+    job = making._Job(cell, none, tmp_path / "log", held, started=clock.now)
+    maker._running = [job]
+    cell.folder.mkdir(parents=True)
+
+    def progress(decisions: int) -> str:
+        table = [{"decisions": decisions, "seconds": 1.0}]
+        write_table(cell.folder / "metrics.csv", table)
+        return maker._progress([])
+
+    clock.now += 1000  # of pre-training, and a moment of exploring
+    # 90 % of 120 s are left.
+    said = "one, maze1, seed 0 10%, 0 decisions/s; time left: about 1.8 minutes"
+    assert progress(10) == said
+    clock.now += 10
+    # 10 of 100 decisions in 10 s: 80 s are left.
+    said = "one, maze1, seed 0 20%, 1 decisions/s; time left: about 1.3 minutes"
+    assert progress(20) == said
+
+
+def test_what_runs_took_is_compared_with_what_is_expected_of_them(
+    tmp_path: Path,
+) -> None:
+    cells = [make_cell(tmp_path, key) for key in ("one", "unknown", "two")]
+    maker = RunMaker(recipes(tmp_path), jobs=1, poll_s=0.02)
+    # Each says that it took 1.5 s.
+    maker.make(cells[:2], {"one": 0.75, "unknown": math.nan, "two": 600.0})
+    assert maker._progress(cells[2:]) == "time left: about 20.0 minutes"
 
 
 def test_the_last_sentence_is_no_progress_bar(tmp_path: Path) -> None:

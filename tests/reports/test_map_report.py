@@ -50,6 +50,17 @@ def test_the_last_map_of_each_run_counts(tmp_path: Path) -> None:
     assert ("maze2", "decisions to cover") not in found
 
 
+def test_the_map_of_a_run_that_is_not_over_does_not_count(tmp_path: Path) -> None:
+    for seed, waypoints in enumerate((120, 6)):
+        run = make_exploration(tmp_path, "maze=maze1", seed=seed, best=[0.9])
+        write_table(run / "map.csv", [map_row(waypoints=waypoints)])
+    (run / "evaluation.csv").unlink()
+    scores, left_out = report_maps(find_runs(tmp_path))
+    assert left_out == [f"{run} is left out: it has no evaluation.csv"]
+    found = {one.measure: one.values.tolist() for one in scores}
+    assert found["waypoints in a cell"] == [2.0]
+
+
 def test_places_of_other_runs_make_no_groups(tmp_path: Path) -> None:
     for seed in (0, 1):
         words = (

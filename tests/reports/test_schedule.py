@@ -66,6 +66,62 @@ def test_a_machine_that_took_twice_as_long_will_go_on_so(
     assert rows == [["one", "120", "120"], ["two", "240", "120"], ["three", "240", "0"]]
 
 
+def test_the_times_of_a_run_that_is_resumed_add_up(
+    clock: Clock, tmp_path: Path
+) -> None:
+    def start(resumed: bool) -> Schedule:
+        expected = {"one": 60.0, "two": 60.0}
+        return Schedule(expected, tmp_path, announce=False, resumed=resumed)
+
+    def times() -> list[list[str]]:
+        with (tmp_path / "phases.csv").open() as file:
+            return [list(row.values()) for row in csv.DictReader(file)]
+
+    schedule = start(resumed=False)
+    schedule.begin("one")
+    clock.now += 100
+    schedule.show(0.5)
+    # Cut off: nobody knows of the next seconds, nor of those until it is resumed.
+    clock.now += 1000
+    assert times() == [["one", "100", "100"]]
+    schedule = start(resumed=True)
+    schedule.begin("one", rest=0.5)
+    clock.now += 50
+    schedule.begin("two")
+    clock.now += 30
+    schedule.end()
+    assert times() == [["one", "150", "150"], ["two", "180", "30"]]
+    assert schedule.minutes == pytest.approx(80 / 60)
+    # It goes on with more decisions, and is evaluated again.
+    schedule = start(resumed=True)
+    schedule.begin("one")
+    clock.now += 20
+    schedule.begin("two")
+    clock.now += 30
+    schedule.end()
+    assert times() == [["one", "200", "170"], ["two", "230", "60"]]
+    # Another run in this folder begins with none; damaged ones are no times.
+    start(resumed=False).begin("one")
+    (tmp_path / "phases.csv").write_text("phase,ended\none\n")
+    schedule = start(resumed=True)
+    schedule.begin("one")
+    schedule.end()
+    assert times() == [["one", "0", "0"]]
+
+
+@pytest.mark.parametrize(("words", "resumed"), [((), "7"), (("resume=run",), "12")])
+def test_an_exploration_that_is_resumed_goes_on_with_its_times(
+    clock: Clock, tmp_path: Path, words: tuple[str, ...], resumed: str
+) -> None:
+    (tmp_path / "phases.csv").write_text(f"phase,ended,seconds\n{EXPLORE},5,5\n")
+    schedule = explore_schedule(explore_settings("reward=random", *words), tmp_path)
+    schedule.begin(EXPLORE)
+    clock.now += 7
+    schedule.end()
+    with (tmp_path / "phases.csv").open() as file:
+        assert [row["seconds"] for row in csv.DictReader(file)] == [resumed]
+
+
 def test_engines_that_start_do_not_count_as_slow_progress(
     clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:

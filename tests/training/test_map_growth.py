@@ -327,6 +327,23 @@ def test_nobody_waits_for_the_map_but_the_end(tmp_path, monkeypatch) -> None:
     assert len(growth.rows) == 2
 
 
+def test_a_resumed_run_writes_its_map_though_no_batch_comes(tmp_path) -> None:
+    growth = make_growth(settings(), tmp_path)
+    growth.extend(make_walk(settings()))
+    growth.write(tmp_path)
+    growth.writer.wait()
+    before = growth.map.num_waypoints
+    growth.extend(make_walk(settings(), seed=1, start=32))
+    state = copy.deepcopy(growth.state_dict())
+    # It was stopped after its last batch: the file is the map of the first one.
+    resumed = make_growth(settings(), tmp_path)
+    resumed.load_state_dict(state)
+    resumed.finish(tmp_path)
+    found, _ = load_map(tmp_path / "map.zip")
+    assert len(found["origins"]) == growth.map.num_waypoints > before
+    assert [row["decisions"] for row in resumed.rows] == [128, 256]
+
+
 def test_a_map_that_cannot_be_written_is_said(tmp_path, monkeypatch) -> None:
     def fail(*args, **kwargs) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -169,8 +169,9 @@ def collect_batches(
             ``max_idle_s``.
     """
     batches: Iterator[TensorDictBase] = iter(collector)
-    # When a batch of each process was taken last.
-    taken = dict.fromkeys(range(collector.num_workers), time.monotonic())
+    # When a batch of each process was taken last, and what counts as time so far.
+    taken = dict.fromkeys(range(collector.num_workers), 0.0)
+    so_far, before = 0.0, time.monotonic()
     while True:
         with _watched(max_idle_s):
             batch = next(batches)
@@ -180,7 +181,10 @@ def collect_batches(
                 # have come first, however long the caller was busy.
                 if taken[maker] - min(taken.values()) > max_idle_s:
                     raise TimeoutError
-                taken[maker] = time.monotonic()
+                # All of them may have been stopped in between, as by Ctrl-Z.
+                now = time.monotonic()
+                so_far, before = so_far + min(now - before, max_idle_s / 2), now
+                taken[maker] = so_far
         yield batch
 
 
@@ -221,11 +225,15 @@ def _watched(max_idle_s: float) -> Iterator[None]:
     ended after ``max_idle_s``, since nothing else would wake the waiting caller.
     """
     done, hung = threading.Event(), threading.Event()
-    deadline = time.monotonic() + max_idle_s
 
     def watch() -> None:
+        idle, before = 0.0, time.monotonic()
         while not done.wait(1.0):
-            if time.monotonic() > deadline:
+            # A second that took far longer was none of waiting: all of them were
+            # stopped, as by Ctrl-Z.
+            now = time.monotonic()
+            idle, before = idle + min(now - before, 2.0), now
+            if idle > max_idle_s:
                 hung.set()
                 _kill_children()
             end_stray_engines()

@@ -127,8 +127,8 @@ def find_mapped(runs: Path) -> dict[str, Path]:
     The map follows the agent and changes nothing of where it goes.
     """
     folders = sorted(folders_of_runs(runs, "runs"))
-    found = {key: folder for folder, key in read_keys(folders, _key_without_map) if key}
-    return {key: folder for key, folder in found.items() if is_finished(folder)}
+    found = read_keys(folders, _key_without_map)
+    return {key: folder for folder, key in found if key and is_finished(folder)}
 
 
 def _key_without_map(recipe: str, settings: Mapping[str, Any]) -> str:
@@ -148,25 +148,44 @@ def is_finished(folder: Path, *, networks: bool = True) -> bool:
     try:
         if (folder / "evaluation.csv").is_file():
             read_exploration(folder)
-            config = read_yaml(folder / "config" / "config.yaml")
-            wanted = OmegaConf.select(config, "collect.decisions")
-            # One that goes on with more decisions has the results of fewer.
-            by_clock = OmegaConf.select(config, "collect.minutes") is not None
-            return by_clock or decisions_of(folder) >= wanted
+            return _is_over(folder)
         if (folder / "summary.csv").is_file():
             read_navigation(folder)
             return True
         read_pretraining(folder)
+        if not _is_over(folder):
+            return False
     except (BrokenRunError, SettingsError):
         return False
     return not networks or (folder / NETWORKS_FILE).is_file()
 
 
+def _is_over(folder: Path) -> bool:
+    """Whether a run has reported the last of what it was to learn from.
+
+    One that goes on with more has the results of less.
+    """
+    config = read_yaml(folder / "config" / "config.yaml")
+    updates: float | None = OmegaConf.select(config, "train.updates")
+    if updates is not None:
+        return _last(folder, "update") >= updates
+    minutes = OmegaConf.select(config, "collect.minutes")
+    # Of the seconds the table has six digits.
+    if minutes is not None and _last(folder, "seconds") >= 59.999 * minutes:
+        return True
+    wanted: float = OmegaConf.select(config, "collect.decisions", default=0)
+    return decisions_of(folder) >= wanted
+
+
 def decisions_of(folder: Path) -> float:
     """Decisions that an exploration has reported, 0 before it does."""
+    return _last(folder, "decisions")
+
+
+def _last(folder: Path, column: str) -> float:
+    """The last value of a column of ``metrics.csv``, 0 before it has one."""
     with suppress(BrokenRunError, ValueError):
-        table = read_table(folder / "metrics.csv", ("decisions",))
-        return float(table["decisions"].iloc[-1])
+        return float(read_table(folder / "metrics.csv", (column,))[column].iloc[-1])
     return 0.0
 
 

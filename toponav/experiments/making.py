@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from toponav.experiments.cells import Cell
-from toponav.experiments.found_runs import decisions_of, is_finished
+from toponav.experiments.found_runs import decisions_of, is_finished, seconds_of
 from toponav.experiments.kept_runs import keep_run
 from toponav.runs import CHECKPOINT_FILE
 
@@ -34,6 +34,15 @@ class _Job:
     held: ExitStack
     started: float = field(default_factory=time.monotonic)
     decisions: float = 0.0  # that the run had when this process began
+    # When it first reported more of them, and how many: a pre-training may come before.
+    first: tuple[float, float] | None = None
+
+    def rate(self, made: float, now: float) -> float:
+        """Decisions a second up to those that are ``made``, 0 while it is not known."""
+        if made > self.decisions:
+            self.first = self.first or (now, made)
+        since, before = self.first or (now, made)
+        return (made - before) / max(now - since, 1e-9)
 
 
 class RunMaker:
@@ -133,12 +142,21 @@ class RunMaker:
             if status == 0 and is_finished(job.cell.folder):
                 self._done.add(key)
                 keep_run(job.cell)
-                self._took += time.monotonic() - job.started
-                self._should += self.expected.get(key, 0.0)
+                self._compare(job)
                 continue
             said = last_sentence(job.log)
             self.failures[key] = said or f"it ended with exit status {status}"
             tqdm.write(f"failed: {job.cell.name}: {self.failures[key]}", sys.stderr)
+
+    def _compare(self, job: _Job) -> None:
+        """Count what a run took, its pre-training left out, and what it should take."""
+        should = self.expected.get(job.cell.key, math.nan)
+        took = seconds_of(job.cell.folder)
+        if math.isnan(took):
+            took = time.monotonic() - job.started
+        if not math.isnan(should):
+            self._took += took
+            self._should += should
 
     def _progress(self, waiting: Iterable[Cell]) -> str:
         """What runs now, at which rate, and how long the rest takes."""
@@ -147,17 +165,17 @@ class RunMaker:
         left = sum(self.expected.get(one.key, math.nan) for one in waiting) * factor
         for job in self._running:
             took, cell = now - job.started, job.cell
-            should = self.expected.get(cell.key, math.nan) * factor - took
+            should = self.expected.get(cell.key, math.nan) * factor
             wanted = OmegaConf.select(cell.config, "collect.decisions")
             if wanted is None:
                 texts.append(cell.name)
-                left += max(0.0, should)
+                left += max(0.0, should - took)
                 continue
             made = decisions_of(cell.folder)
-            rate = (made - job.decisions) / max(took, 1e-9)
+            rate = job.rate(made, now)
             texts.append(f"{cell.name} {made / wanted:.0%}, {rate:.0f} decisions/s")
             # By its own rate once it has one; what comes after it is not in it.
-            left += (wanted - made) / rate if rate > 0 else max(0.0, should)
+            left += (wanted - made) / rate if rate else should * (1 - made / wanted)
         known = (
             f"about {hours(left / self.jobs)}" if not math.isnan(left) else "unknown"
         )

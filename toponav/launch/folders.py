@@ -53,24 +53,37 @@ def log_in_own_folder(
         own = folder / job.output_subdir
         _lock.callback(remove_empty, own)  # of one that is refused
         _lock.enter_context(alone_in(own))
-        words: Any = OmegaConf.to_container(job.overrides.task)  # as they were given
-        is_new = not any(word.startswith("resume='") for word in words)
-        can_go_on = (folder / CHECKPOINT_FILE).is_file()
-        hint = f" (did you mean resume='{folder}'?)" if can_go_on else ""
-        rule = "hydra.run.dir must name a folder without results of another run"
-        require(not (is_new and has_results(folder)), rule, f"'{folder}'{hint}")
+        _require_free(folder)
     _configure_log(log_config, verbose_config)
+
+
+def _require_free(folder: Path) -> None:
+    """Refuse to begin a run where another one has left its results."""
+    can_go_on = (folder / CHECKPOINT_FILE).is_file()
+    hint = f" (did you mean resume='{folder}'?)" if can_go_on else ""
+    setting = folder_setting((), sweep=is_sweep())
+    rule = f"{setting} must name a folder without results of another run"
+    require(not _is_taken(folder), rule, f"'{folder}'{hint}")
+
+
+def _is_taken(folder: Path) -> bool:
+    """Whether another run has left results where this job would begin its own."""
+    words: Any = OmegaConf.to_container(HydraConfig.get().overrides.task)  # as given
+    return has_results(folder) and not any(one.startswith("resume='") for one in words)
 
 
 @contextmanager
 def job_lock(own: Path | None) -> Iterator[None]:
     """Hold the lock of a job's settings folder; that of a single run is held already.
 
-    ``None`` for a job that writes beside others.
+    ``None`` for a job that writes beside others. `SettingsError` if another run is
+    writing there, or has left its results.
     """
     with _lock.pop_all() as held:
         if own is not None and is_sweep():
             held.enter_context(alone_in(own))
+            # As when a launcher starts once more a job that was cut off.
+            _require_free(own.parent)
         yield
 
 
@@ -79,6 +92,10 @@ def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
 
     Where it cannot be written, a folder that holds nothing else is removed.
     """
+    # The settings of another run stay; an error here would end the whole sweep, and
+    # `job_lock` refuses this job of it.
+    if _is_taken(output_dir.parent):
+        return
     try:
         output_dir.mkdir(parents=True, exist_ok=True)
         write_text(output_dir / filename, OmegaConf.to_yaml(cfg))

@@ -1,13 +1,20 @@
 """From the run folders of a sweep to a table of their maps."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from toponav.metrics import Scores
 from toponav.reports.sweep_report import read_all
-from toponav.runs import Run, group_runs, read_table, swept_settings
+from toponav.runs import (
+    Run,
+    group_runs,
+    read_exploration,
+    read_table,
+    swept_settings,
+)
 
 #: The rows of the table, each from columns of ``map.csv``.
 _MEASURES: dict[str, Callable[[pd.Series], float]] = {
@@ -38,11 +45,9 @@ def report_maps(runs: Sequence[Run]) -> tuple[list[Scores], list[str]]:
 
     Values of the runs of a group that differ in their seeds alone; a map that never
     covered its maze has no decisions to cover. Beside them a sentence on every run
-    that has no map, or none with ground truth.
+    that is not over, has no map, or none with ground truth.
     """
-    results, left_out = read_all(
-        runs, lambda folder: read_table(folder / "map.csv", _COLUMNS).iloc[-1]
-    )
+    results, left_out = read_all(runs, _last_map)
     names = swept_settings(runs)
     scores = []
     for settings, members in group_runs(results, names):
@@ -52,3 +57,10 @@ def report_maps(runs: Sequence[Run]) -> tuple[list[Scores], list[str]]:
             if len(values):
                 scores.append(Scores(settings, "last map", measure, values))
     return scores, left_out
+
+
+def _last_map(folder: Path) -> pd.Series:
+    """What judges the last map of an exploration that is over."""
+    # While it explores, its last map has grown from a part of its views.
+    read_exploration(folder)
+    return read_table(folder / "map.csv", _COLUMNS).iloc[-1]

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from toponav.builders import NETWORKS_FILE, pretraining_folder
 from toponav.config import ExploreConfig
 from toponav.methods import REWARDS
-from toponav.runs import write_history
+from toponav.runs import read_table, write_history
 
 #: The phases of an exploration.
 PRETRAIN, EXPLORE = "pre-train", "explore"
@@ -46,8 +47,10 @@ class Schedule:
             where nobody knows. A machine on which the phases so far took twice as long
             will need twice as long for the others.
         folder: gets ``phases.csv``: when each phase ended, in seconds since this was
-            made, and how many seconds it took.
+            made, and how many seconds it took; once a minute so far of the one that
+            runs.
         announce: whether each phase is announced when it begins.
+        resumed: whether the times go on from those that earlier starts left there.
 
     Examples:
         >>> schedule = Schedule({"explore": 60.0, "evaluate": 30.0})
@@ -63,9 +66,14 @@ class Schedule:
         folder: Path | None = None,
         *,
         announce: bool = True,
+        resumed: bool = False,
     ) -> None:
         self.expected, self.folder, self.announce = dict(expected), folder, announce
-        self._rows: list[dict[str, Any]] = []
+        # By phase; and seconds of the one that runs in earlier starts, and of all.
+        self._rows: dict[str, dict[str, Any]] = {}
+        self._earlier = self._ended = 0.0
+        if resumed and folder is not None:
+            self._read(folder)
         self._made = self._began = self._said = time.monotonic()
         self._phase = ""
         # When the phase first showed progress, and its share then.
@@ -88,6 +96,7 @@ class Schedule:
         self.end()
         self.expected[phase] *= rest
         self._phase, self._began = phase, time.monotonic()
+        self._earlier = self._rows.get(phase, {}).get("seconds", 0.0)
         self._said, self._first = self._began, None
         if self.announce:
             self._say()
@@ -100,12 +109,27 @@ class Schedule:
         if not math.isnan(should):
             self._took += took
             self._should += should
-        ended = time.monotonic() - self._made
-        row = {"phase": self._phase, "ended": round(ended, 1)}
-        self._rows.append(row | {"seconds": round(took, 1)})
+        self._write()
         self._phase = ""
-        if self.folder is not None:
-            write_history(self.folder / "phases.csv", self._rows)
+
+    def _read(self, folder: Path) -> None:
+        """Take over the rows of an earlier start; without whole ones all begins now."""
+        with suppress(ValueError):
+            columns = ("phase", "ended", "seconds")
+            table = read_table(folder / "phases.csv", columns)
+            rows = table[list(columns)].to_dict("records")
+            self._rows = {row["phase"]: row for row in rows}
+            self._ended = max(row["ended"] for row in rows)
+
+    def _write(self) -> None:
+        """Write the times of the phases so far, the one that runs included."""
+        if self.folder is None:
+            return
+        now = time.monotonic()
+        ended, took = self._ended + now - self._made, self._earlier + now - self._began
+        row = {"phase": self._phase, "ended": round(ended, 1)}
+        self._rows[self._phase] = row | {"seconds": round(took, 1)}
+        write_history(self.folder / "phases.csv", list(self._rows.values()))
 
     def describe(self, phase: str, share: float = 0.0) -> str:
         """The line of a phase of which a ``share`` in [0, 1] is done.
@@ -153,6 +177,9 @@ class Schedule:
         known = share >= _EARLY or now - self._first[0] >= _RATE_S
         if known and now - self._said >= _AGAIN_S:
             self._say(share)
+            # For the next start, if this one is cut off; no reason to end it.
+            with suppress(OSError):
+                self._write()
 
     def _say(self, share: float = 0.0) -> None:
         self._said = time.monotonic()
@@ -201,7 +228,7 @@ def explore_schedule(settings: ExploreConfig, folder: Path) -> Schedule:
     if has_networks and settings.trains_head(by_poses=by_poses):
         tuning = settings.locomotion.updates * _HEAD_S
         expected[EVALUATE] = max(tuning, expected[EVALUATE])
-    return Schedule(expected, folder)
+    return Schedule(expected, folder, resumed=settings.resume is not None)
 
 
 def pretrain_schedule() -> Schedule:

@@ -238,6 +238,8 @@ class MapGrowth(Consumer):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         super().load_state_dict(state)
         self.map.load_state_dict(state["map"])
+        # No checkpoint says whether the files hold this map.
+        self.writer.is_behind = True
         if self.trains_online:
             self._embed(self.map.network_version)
 
