@@ -55,6 +55,16 @@ def test_a_practice_leaves_a_controller_that_navigation_takes(run: Path) -> None
             "maze.goal must be false: targets are the map's own, got True",
         ),
         (
+            ["practise", "navigator.temperature=0"],
+            "navigator.temperature must be above 0 to practise, which learns from "
+            "draws, got 0.0",
+        ),
+        (
+            ["practise", "navigator.practised=practice"],
+            "navigator.practised must be null, as each practice begins afresh, got "
+            "practice",
+        ),
+        (
             ["navigate", "navigator=poses", "navigator.practised=nowhere"],
             "navigator.practised must name a run with controller.pt, got "
             "nowhere/controller.pt",

@@ -107,6 +107,29 @@ def test_walks_go_on_after_a_resume() -> None:
     assert [each.number for each in again.all()] == [0, 400]
 
 
+def test_a_walk_that_goes_on_keeps_no_views_and_no_batch() -> None:
+    walks, views = Trajectories(), torch.zeros(4, 50, 6, 8, 3, dtype=torch.uint8)
+    for _ in range(3):
+        batch, actions = torch.rand(4, 50, 32), torch.zeros(4, 50, dtype=torch.int64)
+        rows = zip(batch, views, actions, strict=True)
+        walks.extend(
+            [
+                Piece(env, row, seen, False, turns=done.float(), actions=done)
+                for env, (row, seen, done) in enumerate(rows)
+            ]
+        )
+    pieces = [piece for found in walks._running.values() for piece in found]
+    kept = [part for piece in pieces for part in vars(piece).values()]
+    stored = {
+        part.untyped_storage().data_ptr(): part.untyped_storage().nbytes()
+        for part in kept
+        if isinstance(part, torch.Tensor)
+    }
+    # Two bytes a number of an embedding, and eight of an action.
+    assert sum(stored.values()) == 3 * 4 * 50 * (2 * 32 + 8)
+    assert torch.equal(walks.all()[3].embeddings[-50:], batch[3].half())
+
+
 def test_waypoints_of_a_stretch_in_the_wrong_place_stay_where_none_other_is(
     monkeypatch,
 ) -> None:

@@ -132,6 +132,25 @@ def test_a_state_has_views_or_what_was_made_of_them(tmp_path: Path) -> None:
         found.state_dict(views=False, embeddings=False)
 
 
+@pytest.mark.parametrize("in_file", [False, True])
+def test_a_state_without_views_leaves_a_map_without(tmp_path, in_file) -> None:
+    path = tmp_path / "views" if in_file else None
+    found = make_map(path)
+    found.add_episode(episode(0, 20, 60, views=True))
+    found.load_state_dict(found.state_dict(views=False))
+    assert (found.num_waypoints, len(found.waypoints.images)) == (3, 0)
+    assert found.add_episode(episode(0, 20, 90)).tolist() == [0, 1, 3]
+    with pytest.raises(ValueError, match="views must have been given to refresh a map"):
+        found.refresh(1)
+
+
+def test_places_in_a_file_are_no_views_in_memory(tmp_path: Path) -> None:
+    found = make_map(tmp_path / "views")
+    found.add_episode(episode(0, 20, 60, views=True))
+    with pytest.raises(ValueError, match="views must be kept in a file to load those"):
+        make_map().load_state_dict(found.state_dict())
+
+
 def test_what_a_full_map_has_no_waypoint_for_is_nowhere() -> None:
     found = make_map(capacity=2, edges="time")
     assert found.add_episode(episode(0, 20, 60, 80, 20, 0)).tolist() == [

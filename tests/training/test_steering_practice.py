@@ -71,6 +71,13 @@ def test_what_follows_another_target_or_episode_does_not_count() -> None:
         assert found == [0.925, -0.05, 0.95], flag
 
 
+def test_another_episode_that_begins_at_its_target_pays_nothing() -> None:
+    flags = {"REACHED": [False, False, True], "IS_INIT": [False, False, True]}
+    # Second -0.05 alone; first -0.05 - 0.05 / 2.
+    found = targets(make(), batch_of((1, 3), **flags))
+    assert [round(one, 4) for one in found] == [-0.075, -0.05]
+
+
 def test_a_jump_of_the_belief_counts_for_three_decisions_at_most() -> None:
     batch = batch_of((1, 3), PROGRESS=[0.0, 50.0, -50.0])
     # Second -3.05; first 2.95 - 3.05 / 2.

@@ -1,7 +1,7 @@
 """`Trajectories`: what environments saw and did, view by view."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -39,7 +39,7 @@ class Trajectories:
     def extend(self, pieces: Sequence[Piece]) -> None:
         """Continue walks by pieces with actions, in order."""
         for piece in pieces:
-            self._running.setdefault(piece.env, []).append(piece)
+            self._running.setdefault(piece.env, []).append(_copied(piece))
             if piece.ends:
                 self._close(piece.env)
 
@@ -58,7 +58,7 @@ class Trajectories:
     def _join(self, env: int) -> Trajectory:
         pieces = self._running[env]
         actions = [piece.actions for piece in pieces if piece.actions is not None]
-        seen = torch.cat([piece.embeddings.half() for piece in pieces])
+        seen = torch.cat([piece.embeddings for piece in pieces])
         return Trajectory(env, self._counts.get(env, 0), seen, torch.cat(actions))
 
     def all(self) -> list[Trajectory]:
@@ -86,3 +86,10 @@ class Trajectories:
             piece = Piece(walk.env, walk.embeddings, None, False, None, walk.actions)
             self._running[walk.env] = [piece]
         del self._done[number:]
+
+
+def _copied(piece: Piece) -> Piece:
+    """What is kept of a piece; slices would keep the whole batch, its views too."""
+    actions = None if piece.actions is None else piece.actions.clone()
+    seen = piece.embeddings.to(torch.half, copy=True)
+    return replace(piece, embeddings=seen, images=None, turns=None, actions=actions)

@@ -39,7 +39,7 @@ class Views(Protocol):
         """What a checkpoint needs to have them again."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Have those of a checkpoint, and no others."""
+        """Have those of a checkpoint, and no others; none, if it was left without."""
 
 
 class ViewsInMemory:
@@ -68,7 +68,10 @@ class ViewsInMemory:
         return {"images": self.read(0, len(self))}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self._views = list(state["images"].clone())
+        if "views" in state:
+            rule = "views must be kept in a file to load those of one"
+            raise ValueError(f"{rule}, got a map that keeps them in memory")
+        self._views = list(state.get("images", torch.empty(0)).clone())
 
 
 class _Pictures(Sequence[bytes]):
@@ -151,8 +154,8 @@ class ViewFile:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue where `state_dict` was taken; ``ValueError`` if the file changed."""
         self._places, self._size, self._checksum = [], 0, 0
-        if "images" in state:  # of an earlier version, or of views in memory
-            for view in state["images"]:
+        if "views" not in state:  # of an earlier version, in memory, or left out
+            for view in state.get("images", ()):
                 self.append(view)
             return
         checksum, left = 0, int(state["views_size"])

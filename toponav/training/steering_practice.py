@@ -124,7 +124,7 @@ class SteeringPractice:
         # Another target, or another episode, says nothing about this one's.
         cut = then[keys.GAVE_UP] | then[keys.IS_INIT]
         progress = then[keys.PROGRESS].clamp(-_MOST, _MOST).masked_fill(cut, 0)
-        reward = progress - _COST + _ARRIVAL * reached
+        reward = progress - _COST + _ARRIVAL * (reached & ~cut)
         advantage, target = generalized_advantage_estimate(
             self.rules.gamma,
             self.rules.lmbda,

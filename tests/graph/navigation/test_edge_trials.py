@@ -41,6 +41,16 @@ def test_what_an_edge_costs() -> None:
     assert trials.num_unconfirmed([3, 4]) == trials.num_unconfirmed([2]) == 0
 
 
+def test_a_guess_may_say_what_the_way_back_costs() -> None:
+    trials = EdgeTrials(LINE)
+    add(trials, (0, 1, True, 3), (3, 4, True, 9))
+    costs = trials.costs(torch.stack([GUESS, 2 * GUESS], 1))
+    # Both passes took 3 + 9 decisions for guesses of 1 and, back, of 2 x 4.
+    there, back = (2 * 1 + 9 / 12 * 3) / 3, (2 * 8 + 9 / 12 * 9) / 3
+    assert costs[0].tolist() == pytest.approx([there, 2])
+    assert costs[3].tolist() == pytest.approx([4, back])
+
+
 def test_edges_that_never_passed_are_mistakes_until_one_does() -> None:
     trials = EdgeTrials(LINE)
     add(trials, (1, 2, False, 9))
@@ -159,7 +169,12 @@ def test_whoever_gets_a_new_path_is_not_judged(plans) -> None:
     trials = EdgeTrials(LINE)
     watch = TrialWatch(trials, GUESS, 1)
     follow(watch, plans, 0)
-    watch.forget(torch.tensor([True]))
+    # From 0 less is left to another goal than from 1 to the last one.
+    plans.goals.nodes[0] = 1
+    plans.plan([0])
+    follow(watch, plans, 0)
+    plans.goals.nodes[0] = 4
+    plans.plan([0])
     plans.close_edge(0, 1)  # another one than it is on
     follow(watch, plans, 1, gave_up=True)
     plans.open_all(torch.tensor([True]))
@@ -168,3 +183,42 @@ def test_whoever_gets_a_new_path_is_not_judged(plans) -> None:
     assert trials.tried.sum() == 0
     follow(watch, plans, 2)
     assert trials.passed[1, 0] == 1
+
+
+def test_it_may_take_longer_where_the_way_back_costs_more(plans) -> None:
+    trials = EdgeTrials(LINE)
+    watch = TrialWatch(trials, torch.stack([GUESS, 3 * GUESS], 1), 1)
+    # From 3 to 4, which is back: up to 2 x 12 + 8 decisions.
+    follow(watch, plans, *[3] * 33)
+    assert trials.tried.sum() == 0
+    follow(watch, plans, 3)
+    assert trials.lost[3].tolist() == [0, 33]
+    # From 1 to 2, which is there: up to 2 x 2 + 8.
+    watch = TrialWatch(trials, torch.stack([GUESS, 3 * GUESS], 1), 1)
+    follow(watch, plans, *[1] * 14)
+    assert trials.lost[1].tolist() == [13, 0]
+
+
+@pytest.mark.parametrize("place", [0, 4])
+def test_a_way_that_opens_passes_no_edge(place) -> None:
+    # From 0 to 1 at once, or round a square; 4 hangs on 1.
+    edges = torch.tensor([[0, 1], [0, 2], [2, 3], [1, 3], [1, 4]])
+    guess = torch.tensor([2.0, 5.0, 5.0, 5.0, 2.0])
+    goals = GoalNodes(1, 1, 4, patience=None)
+    goals.nodes[0], goals.counts[0] = 1, True
+    plans = Plans(Planner(5, edges, guess), goals, fade_after=1)
+    plans.plan([0])
+    trials = EdgeTrials(edges)
+    watch = TrialWatch(trials, guess, 1)
+    follow(watch, plans, 0)
+    plans.close_all(0, 0, torch.tensor([0, 4]))
+    follow(watch, plans, 0, gave_up=True)
+    assert (trials.tried.sum(), trials.passed.sum()) == (1, 0)
+    # The cut opens by itself, or where nothing else leads on from: less is left than
+    # from 2, where the next trial was to end.
+    if place == 0:
+        plans.plan(plans.pass_decision().nonzero().flatten().tolist())
+    plans.open_up(torch.tensor([place]))
+    assert plans.cost(torch.tensor([place])) == 2
+    follow(watch, plans, place)
+    assert (trials.tried.sum(), trials.passed.sum()) == (1, 0)

@@ -532,6 +532,19 @@ def test_it_sees_with_its_map_s_networks():
     assert goals(walks[0]) > 0
 
 
+@pytest.mark.parametrize("one_hot", [False, True])
+def test_it_goes_by_what_was_done_in_place_of_its_actions(grid, one_hot):
+    navigator = make_navigator(grid, mask_noop_actions=True)
+    navigator.one_hot = one_hot
+    west, east = torch.eye(4).long()[2:] if one_hot else torch.tensor([2, 3])
+    data = as_task(GridWorld()).reset()
+    assert torch.equal(navigator(data)[ACTION], east)
+    # It ran into the wall in the west, so that this is what is not done again.
+    navigator.took(west)
+    data[IS_INIT] = torch.tensor([False])
+    assert torch.equal(navigator(data)[ACTION], east)
+
+
 @pytest.mark.parametrize("shape", [(), (2,), (2, 3)])
 def test_it_takes_any_batch_shape(grid, shape):
     data = walk(GridWorld(batch_size=shape), make_navigator(grid), 8)

@@ -60,8 +60,10 @@ def test_turns_are_followed_without_a_view_that_says_anything() -> None:
     assert abs((turned.item() - 360 + 180) % 360 - 180) < 20
 
 
-def test_an_agent_that_was_carried_away_finds_itself_again() -> None:
-    belief = make()
+# Of 20 poses a share of 0.02 is less than half of one.
+@pytest.mark.parametrize("poses", [200, 20])
+def test_an_agent_that_was_carried_away_finds_itself_again(poses) -> None:
+    belief = make(poses=poses)
     for _ in range(5):
         belief.update(act(2), see(1))
     for _ in range(15):
@@ -70,6 +72,15 @@ def test_an_agent_that_was_carried_away_finds_itself_again() -> None:
     assert abs(belief.estimate()[0, 0].item() - 16) < 2
     # Nearly all of its poses are there, not those alone that were drawn again.
     assert ((belief.poses[0, :, 0] - 16).abs() < 3).float().mean() > 0.9
+
+
+def test_without_a_floor_a_view_may_speak_for_no_pose() -> None:
+    belief = make(poses=20, floor=0.0, lost=0.0, spread=0.3)
+    belief.update(act(2), see(1))
+    nowhere_near = torch.eye(len(WAYPOINTS))[9:]
+    belief.update(act(2), nowhere_near)
+    assert belief.poses.isfinite().all()
+    assert (belief.poses[0, :, 0] - 2).abs().max() < 6
 
 
 def test_one_that_forgets_leaves_the_others_alone() -> None:

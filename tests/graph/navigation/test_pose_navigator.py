@@ -1,13 +1,21 @@
 """A navigator that knows poses, in a corridor with two corners that look alike."""
 
 from math import cos, radians, sin
+from types import SimpleNamespace
 
 import pytest
 import torch
 from tensordict import TensorDict
 
 from tests.graph.poses.ring_world import EFFECTS, compare, is_free, look
-from toponav.graph import BeliefRules, NavigatorRules, PoseMap, PoseNavigator
+from toponav.graph import (
+    BeliefRules,
+    MapRules,
+    NavigatorRules,
+    PoseMap,
+    PoseNavigator,
+    PractisingNavigator,
+)
 from toponav.graph.poses import BEARINGS
 from toponav.keys import (
     ACTION,
@@ -158,7 +166,7 @@ def test_of_two_corners_that_look_alike_it_knows_its_own() -> None:
     for number in range(5):
         data = navigator(reading([pose], [(2.5, 9.1)], begins=number == 0))
         pose = go(pose, 0)
-        navigator.sampler.last_action = torch.tensor([0])
+        navigator.took(torch.tensor([0]))
     place = POSES[int(data[PLACE])]
     assert (place[:2] - torch.tensor([2.5, 2.5])).norm() < 3
 
@@ -301,6 +309,23 @@ def test_it_acts_by_what_its_view_says_is_free() -> None:
         ValueError, match=r"ground must return \[N, K, R\], got \[1, 12"
     ):
         wrong(data)
+
+
+@pytest.mark.parametrize("kind", [PoseNavigator, PractisingNavigator])
+def test_it_sees_with_its_map_s_networks(kind) -> None:
+    plain = make()
+    networks = {"embed": plain.embed, "compare": plain.compare}
+    seeing = SimpleNamespace(
+        **vars(plain.map), **networks, rules=MapRules(tc_threshold=0.9, tc_reach=0.4)
+    )
+    given = {"known": plain.known, "belief": plain.belief_rules}
+    given["controller"] = lambda embedding, senses, free: free
+    over = kind.over(seeing, **given)
+    assert over.rules == NavigatorRules(tc_reach=0.4)
+    over = kind.over(seeing, rules=plain.rules, **given)
+    assert over.rules is plain.rules
+    data = reading([(6.9, 2.5, 0.0)], [(2.5, 9.1)], begins=True)
+    assert over(data)[PATH_COST].isfinite()
 
 
 def test_a_map_without_poses_is_refused() -> None:

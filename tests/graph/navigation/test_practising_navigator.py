@@ -106,30 +106,56 @@ def test_a_target_that_it_cannot_reach_is_given_up() -> None:
     assert any(bool(data[keys.GAVE_UP]) for data in found)
 
 
-def test_senses_are_seen_from_the_agent() -> None:
-    senses = SteeringSenses(1, 3, 2)
-    found = senses(
-        torch.tensor([[1.0, 1.0, 90.0]]),  # it looks along y
+def sense(senses: SteeringSenses, x: float, view: tuple[float, float]) -> torch.Tensor:
+    """What an agent at ``(x, 1)`` senses that looks along y."""
+    return senses(
+        torch.tensor([[x, 1.0, 90.0]]),
         torch.tensor([0.5]),
         torch.tensor([[[1.0, 9.0]]]),
         torch.tensor([[5.0, 1.0]]),
         torch.tensor([True]),
         torch.tensor([2]),
-        torch.tensor([[3.0, 4.0]]),
+        torch.tensor([view]),
         torch.tensor([[-1.0, -1.5, -9.0]]),
     )[0]
+
+
+def test_senses_are_seen_from_the_agent() -> None:
+    senses = SteeringSenses(1, 3, 2)
+    sense(senses, 2.5, (3.0, 0.0))
+    found = sense(senses, 1.0, (3.0, 4.0))
     # Points 1, 2, 3.5, 5 and 7 steps along the path are ahead; the aim, 4 to the east,
     # is to the right. A fourth of a step counts, up to 2.
     ahead = torch.tensor([1.0, 2.0, 3.5, 5.0, 7.0, 0.0]) / 4
     torch.testing.assert_close(found[:6], ahead, atol=1e-5, rtol=0)
     left = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
     torch.testing.assert_close(found[6:12], left, atol=1e-5, rtol=0)
-    # At its end; moved by sqrt(2) from the start; the view is all new; spread.
-    felt = torch.tensor([1.0, 2**0.5, 1.0, 0.5])
+    # At its end; moved by 1.5; four fifths of the view are new; spread.
+    felt = torch.tensor([1.0, 1.5, 0.8, 0.5])
     torch.testing.assert_close(found[12:16], felt)
     # The last action; the second is half a decision worse, the third 2 at most.
     assert found[16:].tolist() == [0, 0, 1, 0, -0.5, -2]
     assert len(found) == SteeringSenses.size(3)
+
+
+def test_in_a_first_decision_nothing_is_sensed_of_what_was_before() -> None:
+    senses = SteeringSenses(1, 3, 2)
+    first = sense(senses, 1.0, (3.0, 4.0))
+    # Moved as far as counts, a view that is all new, and no last action.
+    assert first[13:15].tolist() == [2, 1]
+    assert first[16:19].tolist() == [0, 0, 0]
+    assert sense(senses, 1.0, (3.0, 4.0))[13:15].tolist() == [0, 0]
+    senses.forget(torch.tensor([True]))
+    assert torch.equal(sense(senses, 1.0, (3.0, 4.0)), first)
+
+
+def test_an_episode_begins_without_what_the_last_one_left() -> None:
+    navigator, starts = practising(confirm=1.0), []
+    walk(navigator, 3)
+    navigator._unconfirmed = lambda start, goal: starts.append(start) or 0
+    data = navigator(look((13.5, 9.1, 90.0), begins=True))
+    assert set(starts) == {-1}
+    assert data[keys.SENSES][0, 13:15].tolist() == [2, 1]
 
 
 def test_edges_are_what_was_walked() -> None:
@@ -153,6 +179,15 @@ def test_edges_are_what_was_walked() -> None:
     assert trials.costs(cost)[-1].max() > 8
     assert not trials.kept(len(POSES))[-1]
     assert sum(bool(data[keys.REACHED]) for data in found[-120:]) >= 1
+
+
+def test_edges_may_cost_more_on_the_way_back() -> None:
+    known = make().map
+    both = torch.stack([known.edge_cost] * 2, 1)
+    found = walk(practising(map=replace(known, edge_cost=both)), 30)
+    for one, other in zip(found, walk(practising(), 30), strict=True):
+        assert torch.equal(one[keys.ACTION], other[keys.ACTION])
+        assert torch.equal(one[keys.PATH_COST], other[keys.PATH_COST])
 
 
 def test_plans_cost_what_trials_showed() -> None:

@@ -92,11 +92,11 @@ class EdgeTrials:
         """What a pass of each edge costs, there and back, float32 ``[E, 2]``.
 
         All decisions that were spent on an edge count, those in vain too, and ``guess``
-        ``[E]``, of the same meaning, as what two more passes took. They are in its
-        unit, of which a decision makes as much as in all trials that passed: an edge
-        that nobody tried is neither dear nor cheap.
+        ``[E]`` or ``[E, 2]``, of the same meaning, as what two more passes took. They
+        are in its unit, of which a decision makes as much as in all trials that passed:
+        an edge that nobody tried is neither dear nor cheap.
         """
-        guess = guess.unsqueeze(1)
+        guess = _there_and_back(guess)
         passed = float((guess * self.passed).sum())
         pace = float(self.walked.sum()) / passed if passed else 1.0
         spent = (self.walked + self.lost) / pace
@@ -155,38 +155,39 @@ class TrialWatch:
 
     Args:
         trials: counts them.
-        guess: decisions that each edge may cost, ``[E]``.
+        guess: decisions that each edge may cost, ``[E]``, or ``[E, 2]``, also back.
         num_agents: N.
     """
 
     def __init__(self, trials: EdgeTrials, guess: Tensor, num_agents: int) -> None:
         self.trials = trials
-        self._guess = guess.cpu()
+        self._guess = _there_and_back(guess.cpu())
         self._ends = torch.full((num_agents, 2), -1)
         self._number = torch.full((num_agents,), -1)
+        # By which of its plans an agent began its trial.
+        self._plan = torch.zeros(num_agents, dtype=torch.int64)
         # What is left from the other end, and decisions since it began.
         self._left = torch.zeros(num_agents, dtype=torch.float64)
         self._since = torch.zeros(num_agents, dtype=torch.int64)
-
-    def forget(self, agents: Tensor) -> None:
-        """The agents of a mask, bool ``[N]``, have new paths."""
-        self._number[agents] = -1
 
     def follow(self, place: Tensor, plans: Plans, *, gave_up: Tensor) -> None:
         """Count a decision of each agent, at its place, int64 ``[N]``, on its plan.
 
         ``gave_up``, bool ``[N]``: who closed edges in it, and has a new plan.
         """
-        on_trial, left = self._number >= 0, plans.cost(place)
+        # A new plan, such as over edges that opened, has another cost for the same way.
+        is_same = gave_up | (plans.num_plans == self._plan)
+        on_trial, left = (self._number >= 0) & is_same, plans.cost(place)
         self._since += on_trial
         passed = on_trial & ~gave_up & (left <= self._left)
         number = self._number.clamp(min=0)
         closed = gave_up & plans.closed[torch.arange(len(place)), number]
-        slow = self._since > _SLOW * self._guess[number] + _SLACK
+        way = (self.trials.edges[number, 0] != self._ends[:, 0]).long()
+        slow = self._since > _SLOW * self._guess[number, way] + _SLACK
         over = passed | (on_trial & (closed | slow))
         if over.any():
             self.trials.add(self._ends[over], passed[over], self._since[over])
-        self._number[over | gave_up] = -1
+        self._number[over | gave_up | ~is_same] = -1
         self._begin(place, plans)
 
     def _begin(self, place: Tensor, plans: Plans) -> None:
@@ -199,4 +200,10 @@ class TrialWatch:
         ends = torch.stack([here, onward], 1)
         self._ends = torch.where(begins.unsqueeze(1), ends, self._ends)
         self._left = torch.where(begins, plans.cost(onward), self._left)
+        self._plan = torch.where(begins, plans.num_plans, self._plan)
         self._since = self._since.masked_fill(begins, 0)
+
+
+def _there_and_back(cost: Tensor) -> Tensor:
+    """Costs of edges ``[E, 2]``, given as such or as ``[E]``, the same both ways."""
+    return cost if cost.ndim == 2 else cost.unsqueeze(1).expand(-1, 2)

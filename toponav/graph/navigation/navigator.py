@@ -180,12 +180,13 @@ class Navigator(TensorDictModuleBase):
         if self._made_for != (len(data), self.map.version):
             self._resize(len(data), goal_views.shape[1], embedding.shape[1])
             begins = torch.ones_like(begins)
-        self._begin(begins, goal_views)
         moved = begins
         if self.goal_reward is not None:
             reward = data[self.in_keys[3]].reshape(-1).cpu()
             moved = begins | (reward >= self.goal_reward)
+        # Who begins has no place yet, when it takes a goal.
         self._restart(moved)
+        self._begin(begins, goal_views)
 
         place = self._locate(embedding, data)
         changed = begins | self.plans.pass_decision() | self.goals.wait(place)
@@ -212,6 +213,11 @@ class Navigator(TensorDictModuleBase):
         for key, value in zip(_DECIDED, decided, strict=True):
             tensordict.set(key, value.reshape(*shape, 1).to(device))
         return tensordict
+
+    def took(self, action: Tensor) -> None:
+        """Say what agents did in place of the actions that it wrote, in their shape."""
+        number = action.argmax(-1) if self.one_hot else action
+        self.sampler.last_action = number.reshape(-1).cpu()
 
     def _require_views(self, views: Tensor, goal_views: Tensor) -> None:
         """Goal views may be of another size, but are several of each agent."""

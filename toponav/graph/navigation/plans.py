@@ -53,6 +53,8 @@ class Plans:
         self._failed = torch.zeros(num_agents, len(planner.edges), dtype=torch.int64)
         # The cuts of each agent that are closed, the oldest first.
         self._cuts: list[list[Cut]] = [[] for _ in range(num_agents)]
+        #: How often each agent's plan was made, int64 ``[N]``.
+        self.num_plans = torch.zeros(num_agents, dtype=torch.int64)
         self._now = 0
         # What `Plan` holds, one row an agent.
         self._costs = torch.full((num_agents, num_nodes), torch.inf).double()
@@ -63,6 +65,7 @@ class Plans:
     def plan(self, agents: Sequence[int]) -> None:
         """Plan again for some agents."""
         for agent in agents:
+            self.num_plans[agent] += 1
             costs, end = self._search(agent, self.closed[agent])
             self._costs[agent], self._onward[agent] = costs, end
             # Each round doubles the steps taken along all paths at once.

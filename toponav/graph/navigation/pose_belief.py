@@ -15,6 +15,8 @@ _PLACES = 16
 #: Poses of each agent that judge around which of all most others lie; standard
 #: deviation of what is around, in decisions, and how far the mean of them reaches.
 _JUDGES, _CROWD, _REACH = 64, 2.0, 4.0
+#: Likelihood of a pose at least: what can be drawn is above 0.
+_LEAST = torch.finfo(torch.float32).tiny
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +99,9 @@ class PoseBelief:
         """
         rules, number = self.rules, self.rules.poses
         chance, nodes = chance.topk(min(_PLACES, chance.shape[1]))
-        is_lost = torch.arange(number) < round(rules.lost * number)
+        # Some of few poses are one at least: without any it would never find itself.
+        lost = max(round(rules.lost * number), rules.lost > 0)
+        is_lost = torch.arange(number) < lost
         redrawn = (is_lost | self._is_new.unsqueeze(1)).unsqueeze(2)
         near = self.waypoints[nodes]
         if offsets is not None:
@@ -106,7 +110,8 @@ class PoseBelief:
         apart = decisions_apart(poses.unsqueeze(2), near.unsqueeze(1), self.turn)
         speaks = (-0.5 * (apart / rules.spread).square()).exp() * chance.unsqueeze(1)
         likelihood = (speaks.sum(2) + rules.floor).pow(rules.power)
-        drawn = self._multinomial(likelihood)
+        # Without a floor a view may speak for none: then all are as likely.
+        drawn = self._multinomial(likelihood.clamp(min=_LEAST))
         self.poses = poses.gather(1, drawn.unsqueeze(2).expand(-1, -1, 3))
         self._stopped = (self._stopped & ~redrawn.squeeze(2)).gather(1, drawn)
         self._is_new[:] = False

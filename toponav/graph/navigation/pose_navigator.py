@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -10,7 +11,7 @@ from torch.nn.functional import one_hot
 
 from toponav.graph.navigation.free_way import aim_where_free
 from toponav.graph.navigation.localiser import Map
-from toponav.graph.navigation.navigator import Navigator
+from toponav.graph.navigation.navigator import Navigator, SeeingMap
 from toponav.graph.navigation.path_following import aim_along, edges_through, steer
 from toponav.graph.navigation.pose_belief import BeliefRules, PoseBelief
 from toponav.graph.navigation.steering_senses import SteeringSenses
@@ -133,6 +134,16 @@ class PoseNavigator(Navigator):
         self.controller = controller
         self.turn = fastest_turn(known.effects)
 
+    @classmethod
+    def over(  # type: ignore[override]
+        cls, map: SeeingMap, *, rules: NavigatorRules | None = None, **options: Any
+    ) -> Self:
+        """As `Navigator.over`, without ``locomotion``, as it steers by poses."""
+        require_parts(map, "map", "a TopologicalMap", "embed", "compare", "rules")
+        rules = rules or NavigatorRules(tc_reach=map.rules.tc_reach)
+        options |= {"map": map, "embed": map.embed, "compare": map.compare}
+        return cls(rules=rules, **options)
+
     def _resize(self, num_agents: int, num_goal_views: int, length: int) -> None:
         super()._resize(num_agents, num_goal_views, length)
         poses, effects = self.known.poses, self.known.effects
@@ -192,6 +203,7 @@ class PoseNavigator(Navigator):
     def _restart(self, agents: Tensor) -> None:
         super()._restart(agents)
         self.belief.forget(agents)
+        self.senses.forget(agents)
         self._aside[agents] = 0
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:

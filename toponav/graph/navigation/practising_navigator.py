@@ -97,7 +97,6 @@ class PractisingNavigator(PoseNavigator):
         self.plans.plan(numbers.tolist())
         self.progress.restart(agents)
         self._since[agents], self._left[agents] = 0, torch.nan
-        self._watch.forget(agents)
 
     def _unconfirmed(self, start: int, goal: int) -> int:
         """Edges of the path from a waypoint to another that nobody has passed."""

@@ -17,9 +17,10 @@ class ActionSampler:
     ) -> None:
         self.rules = rules
         self.generator = generator
-        #: int64 ``[N]``, the last one of each; 0 before the first.
+        #: int64 ``[N]``, the last one that each did; 0 before the first.
         self.last_action = torch.zeros(num_agents, dtype=torch.int64)
-        self._last: tuple[Tensor, Tensor] | None = None
+        # Of the view that it was drawn at.
+        self._before: Tensor | None = None
         self._noops = torch.empty(0)
         self._is_new = torch.ones(num_agents, dtype=torch.bool)
 
@@ -37,17 +38,16 @@ class ActionSampler:
         drawn = torch.multinomial(chance, 1, generator=self.generator).squeeze(1)
         if self.rules.temperature == 0:
             drawn = torch.where(known, logits.argmax(1), drawn)
-        self._last = (embedding, drawn)
-        self.last_action = drawn
+        self._before, self.last_action = embedding, drawn
         self._is_new = torch.zeros_like(self._is_new)
         return drawn
 
     def _find_noops(self, logits: Tensor, embedding: Tensor) -> Tensor:
         """Actions that changed nothing since the view last changed, ``[N, A]``."""
-        if self._last is None:
+        if self._before is None:
             self._noops = torch.zeros_like(logits, dtype=torch.bool)
             return self._noops
-        before, action = self._last
+        before, action = self._before, self.last_action
         change = (embedding - before).abs().sum(1)
         same = (change <= _SAME * before.abs().sum(1)) & ~self._is_new
         tried = torch.nn.functional.one_hot(action, logits.shape[1]).bool()

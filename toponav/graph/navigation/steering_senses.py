@@ -18,7 +18,8 @@ class SteeringSenses:
     S numbers: points of its path at several distances and the one that it aims at, each
     ahead and to the left; whether its path ends there; its last action; how far its
     pose and its view changed since; how sure it is of its pose; how much worse each
-    action seems than the best one in free space.
+    action seems than the best one in free space. In a first decision it has moved as
+    far as counts, its view is all new, and there is no last action.
 
     Args:
         num_agents: N.
@@ -28,7 +29,8 @@ class SteeringSenses:
 
     def __init__(self, num_agents: int, num_actions: int, embedding_size: int) -> None:
         self.num_actions = num_actions
-        self._position = torch.zeros(num_agents, 2)
+        # In the decision before; infinite in a first one.
+        self._position = torch.full((num_agents, 2), torch.inf)
         self._seen = torch.zeros(num_agents, embedding_size)
 
     @staticmethod
@@ -40,6 +42,10 @@ class SteeringSenses:
             28
         """
         return 2 * (len(_AHEAD) + 1) + 1 + num_actions + 3 + num_actions
+
+    def forget(self, agents: Tensor) -> None:
+        """The agents of a mask, bool ``[N]``, have been put elsewhere."""
+        self._position[agents], self._seen[agents] = torch.inf, 0
 
     def __call__(
         self,
@@ -76,9 +82,10 @@ class SteeringSenses:
         moved = (position - self._position).norm(dim=1)
         length = embedding.norm(dim=1).clamp(min=1e-6)
         changed = (embedding - self._seen).norm(dim=1) / length
+        is_first = self._position.isinf().any(1, keepdim=True)
         self._position, self._seen = position.clone(), embedding.clone()
         felt = torch.stack([ends.float(), moved, changed, spread], 1).clamp(max=2)
         worse = (free - free.amax(1, keepdim=True)).clamp(min=-_WORST)
         where = (torch.cat([ahead, left], 1) / _SCALE).clamp(-2, 2)
-        last = one_hot(action, self.num_actions)
+        last = one_hot(action, self.num_actions).masked_fill(is_first, 0)
         return torch.cat([where, felt, last, worse], 1)

@@ -47,5 +47,8 @@ def make_diagnosis(
         seed=seed,
     )
     before = [TruePlace(truth, world=world)] if "place" in given else []
-    after = [TrueSteering(truth, world=world)] if "controller" in given else []
+    # The navigator goes by the actions that are done, not by those that it drew.
+    tell = getattr(navigator, "took", None)
+    steering = TrueSteering(truth, world=world, tell=tell)
+    after = [steering] if "controller" in given else []
     return TensorDictSequential(*before, navigator, *after)

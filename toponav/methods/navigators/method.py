@@ -25,7 +25,8 @@ class NavigatorMethod:
     #: `make_navigation_env` writes.
     make: Callable[..., TensorDictModuleBase]
     #: Whether `make` takes ``edges`` and a ``place_key`` as `make_navigator` does, by
-    #: which a diagnosis tells it the truth.
+    #: which a diagnosis tells it the truth. What it makes has `Navigator.took`, if it
+    #: goes by its last action: a diagnosis may replace that.
     takes_truth: bool = False
     #: From the policy to a sentence about goals that it cannot know.
     warn_of_goals: Callable[[Any, GoalPlaces], str | None] | None = None

@@ -119,6 +119,10 @@ def make_practising_navigator(
     rule = "navigator must be poses, which alone can practise"
     require(isinstance(config, PosesConfig), rule, config.name)
     assert isinstance(config, PosesConfig)
+    rule = "navigator.practised must be null, as each practice begins afresh"
+    require(config.practised is None, rule, config.practised)
+    rule = "navigator.temperature must be above 0 to practise, which learns from draws"
+    require(config.temperature > 0, rule, config.temperature)
     given = _arguments(config, knowledge, None)
     # Actions are drawn by the chances that are learned from.
     given["rules"] = replace(given["rules"], mask_noop_actions=False)

@@ -3,6 +3,8 @@
 They read privileged keys, and no agent gets them.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from scipy.cluster.hierarchy import DisjointSet
@@ -85,14 +87,22 @@ class TrueSteering(TensorDictModuleBase):
     Args:
         truth: of the maze and of the map's waypoints.
         world: that it steers in.
+        tell: gets the actions, ``[N]``, such as a navigator that goes by its last one.
     """
 
     in_keys = [ACTION, PLACE, TARGET, POSITION, HEADING, CELL, GOAL_CELL, BLOCKED]
     out_keys = [ACTION]
 
-    def __init__(self, truth: GroundTruth, *, world: WorldSpec) -> None:
+    def __init__(
+        self,
+        truth: GroundTruth,
+        *,
+        world: WorldSpec,
+        tell: Callable[[Tensor], None] | None = None,
+    ) -> None:
         super().__init__()
         self.truth = truth
+        self.tell = tell
         self.steering = Steering(world)
         routes = truth.distances.routes
         size = self.steering.motion.cell_size
@@ -105,6 +115,8 @@ class TrueSteering(TensorDictModuleBase):
         knows = data[PLACE].squeeze(1) >= 0
         steered = self._steer(data[knows]) if knows.any() else action[:0]
         action = action.masked_scatter(knows, steered)
+        if self.tell is not None:
+            self.tell(action)
         action = action.reshape(tensordict.batch_size).to(tensordict.device)
         return tensordict.set(ACTION, action)
 
