@@ -145,7 +145,7 @@ def settings_of(task: str, loss: str, seed: int) -> ExploreConfig:
         words += ["loss.batch=16", f"loss.every={every}"]
         # As many decisions between two target networks as for DQN.
         words += [f"loss.target_every={250 if task == 'goal' else 100}"]
-        # With DQN's eps it learns the way to the goal half as fast.
+        # With DQN's eps it learns the way to the goal more slowly.
         words += ["loss.eps=1e-6"] if task == "goal" else []
     with initialize_config_dir(str(CONF.resolve()), version_base="1.3"):
         found: Any = OmegaConf.to_object(compose("explore", overrides=words))
