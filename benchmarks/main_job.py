@@ -41,10 +41,11 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from toponav.builders import PLACES_FILE, make_autocast, make_networks, prepare_process
 from toponav.config import ExploreConfig, PretrainConfig
+from toponav.graph.poses import BEARINGS, DISTANCES
 from toponav.methods import make_world
-from toponav.modules import OffsetNetwork, PlaceNetwork
+from toponav.modules import GroundNetwork, OffsetNetwork, PlaceNetwork
 from toponav.reports import EVALUATE, EXPLORE, PRETRAIN
-from toponav.training import OffsetRules, PlaceRules
+from toponav.training import GroundRules, OffsetRules, PlaceRules
 
 #: Added to the seed of a second run.
 AGAIN = 1000
@@ -217,7 +218,7 @@ def roofs(
 
 
 def map_parts(finished: Path, *, rate: float) -> dict[str, float]:
-    """Seconds on all cores of a map by poses, and of its places and offsets."""
+    """Seconds on all cores of a map by poses, and of what views say on it."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "run"
         shutil.copytree(finished, copy, ignore=shutil.ignore_patterns("logs"))
@@ -228,10 +229,12 @@ def map_parts(finished: Path, *, rate: float) -> dict[str, float]:
     assert views is not None
     width = views[0].shape[1]
     sizes, views_of_8 = (growth.map.num_waypoints, width), torch.zeros(8, width)
-    both = (PlaceNetwork(*sizes), PlaceRules()), (OffsetNetwork(*sizes), OffsetRules())
+    ground = GroundNetwork(width, len(BEARINGS), len(DISTANCES))
+    learned = [(PlaceNetwork(*sizes), PlaceRules()), (ground, GroundRules())]
+    learned.append((OffsetNetwork(*sizes), OffsetRules()))
     needed = sum(
         operations(lambda one=one: one(views_of_8)) / 8 * rules.views * rules.updates
-        for one, rules in both
+        for one, rules in learned
     )
     cores = len(os.sched_getaffinity(0))
     return {"poses": spent / cores, "places": needed / rate}

@@ -136,9 +136,9 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     policies = training.trained_policies(settings, world, learner, consumers)
     training.finish(consumers, folder, beside=False)
     with reports.evaluating(
-        settings, world, explorer, policies, show=schedule.show
+        settings, world, explorer, policies, show=schedule.part()
     ) as evaluation:
-        training.finish(consumers, folder, beside=True)
+        training.finish(consumers, folder, beside=True, progress=schedule.part())
         learned = evaluation.result()
     if networks is not None:
         builders.save_networks(networks, folder / builders.NETWORKS_FILE)

@@ -37,6 +37,25 @@ def test_frames_of_two_episodes_have_no_distance() -> None:
     assert bool((pairs.distance[across] == 0).all())
 
 
+def test_no_pair_spans_an_end_within_a_walk() -> None:
+    """Two walks of 50 decisions, in each of which an episode ends after 30."""
+    frames = make_held_out(2).frames.reshape(2, 50)
+    done = torch.zeros(2, 50, 1, dtype=torch.bool)
+    done[:, 29] = True
+    frames["next"] = TensorDict({"done": done}, [2, 50])
+    held_out = HeldOut(frames, name="game")
+    assert held_out.episodes.length.tolist() == [30, 20, 30, 20]
+    near = held_out.draw(LPairs(4), 400, seed=0)
+    assert torch.equal((near.first % 50) < 30, (near.second % 50) < 30)
+    across = held_out.draw(TCPairs(4, 5, other_episode_share=1.0), 400, seed=0)
+    other = across.label == 0
+    first, second = map(held_out.episodes.run_of, (across.first, across.second))
+    assert torch.equal(other, first != second)
+    # Two episodes of one walk are as far apart as those of two walks.
+    assert bool((other & (across.first // 50 == across.second // 50)).any())
+    assert bool((across.distance[other] == 0).all())
+
+
 def test_the_action_is_the_one_taken_at_the_anchor() -> None:
     pairs = make_held_out().draw(LPairs(4), 100, seed=0)
     assert torch.equal(pairs.action, pairs.first % 6)

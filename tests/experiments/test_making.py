@@ -192,6 +192,19 @@ def test_a_pre_training_is_not_in_the_rate_of_a_run(
     assert progress(20) == said
 
 
+def test_what_nobody_knows_is_said_of_runs_that_go_on(tmp_path: Path) -> None:
+    config = OmegaConf.create({"train": {"updates": 100}})
+    cell = replace(make_cell(tmp_path, "one"), recipe="pretrain", config=config)
+    maker = RunMaker(recipes(tmp_path), jobs=1, poll_s=0.02)
+    none: subprocess.Popen[bytes] = subprocess.Popen(["true"])
+    none.wait()
+    maker._running = [making._Job(cell, none, tmp_path / "log", ExitStack())]
+    maker.expected = {"one": math.nan}
+    assert maker._progress([]) == "one, maze1, seed 0; time left: unknown"
+    maker.expected = {"one": 0.0}
+    assert maker._progress([]).endswith("time left: about 0.0 minutes")
+
+
 def test_what_runs_took_is_compared_with_what_is_expected_of_them(
     tmp_path: Path,
 ) -> None:

@@ -119,6 +119,17 @@ def test_one_value_a_maze_has_no_interval(values: list[float]) -> None:
     assert math.isnan(found.high)
 
 
+@pytest.mark.parametrize(
+    ("shape", "of_one_run"),
+    [((8,), False), ((1, 8), True), ((2, 8), False), ((3, 1, 8), True)],
+)
+def test_an_estimate_knows_whether_it_is_of_one_seed(
+    shape: tuple[int, ...], of_one_run: bool
+) -> None:
+    values = np.random.default_rng(0).random(shape)
+    assert bootstrap(values, draws=10).of_one_run == of_one_run
+
+
 def test_runs_alike_differ_by_their_episodes_only() -> None:
     runs = np.tile([0.0, 1.0], (50, 8))  # 50 runs of the same 16 episodes
     # Standard error of 800 coin flips: 0.5 / sqrt(800) = 0.0177.

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from toponav.metrics import (
+    AtMost,
     Scores,
     csv_table,
     decisions_to_reach,
@@ -26,6 +27,10 @@ SCORES = [
     Scores({"maze": "maze3"}, "a|b", "coverage (%)", np.array([[40.0]])),
 ]
 TABLE = summarize_scores(SCORES, subject="policy")
+ONE_RUN = (
+    "- where a row is of one run, or over several mazes of one seed, its intervals are "
+    "over episodes alone and say nothing about other seeds"
+)
 
 
 def row_of(values: np.ndarray) -> Any:
@@ -89,6 +94,35 @@ def test_csv_has_the_numbers_by_themselves() -> None:
     assert float(rows[0]["mean_low"]) == pytest.approx(TABLE["mean"][0].low, abs=1e-3)
     assert float(rows[0]["top_5"]) == 82
     assert rows[1]["mean_low"] == rows[1]["top_5"] == rows[1]["decisions to 90 %"] == ""
+
+
+def test_a_bound_is_said_to_be_one_and_is_no_number_of_its_column() -> None:
+    more = [{"exploring to 90 %": one} for one in (AtMost(28800.0), 54000.0)]
+    scores = [Scores({}, "best", "coverage (%)", RUNS, one) for one in more]
+    table = summarize_scores(scores, subject="policy")
+    _, _, first, second = markdown_table(table).splitlines()
+    assert (cells(first)[5], cells(second)[5]) == ("at most 28,800", "54,000")
+    rows = list(csv.DictReader(io.StringIO(csv_table(table))))
+    assert [row["exploring to 90 %"] for row in rows] == ["", "54000"]
+    assert [row["exploring to 90 %_at most"] for row in rows] == ["28800", ""]
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (RUNS[:1], True),
+        (RUNS, False),
+        # One value has no interval, and episodes of no run have no seed.
+        (RUNS[:1, :1], False),
+        (RUNS[0], False),
+    ],
+)
+def test_intervals_over_episodes_alone_are_said_to_be_so(
+    values: np.ndarray, said: bool
+) -> None:
+    one = Scores({}, "best", "coverage (%)", values)
+    lines = markdown_table(summarize_scores([one], subject="policy")).splitlines()
+    assert lines[3:] == (["", ONE_RUN] if said else [])
 
 
 def test_a_table_of_nothing_is_empty() -> None:

@@ -54,11 +54,11 @@ def test_coverage_has_dots_a_mean_and_the_levels() -> None:
     found = lines(figure.axes[0])
     assert list(found) == [
         "episodes",
-        "mean of the last 2",
+        "mean of the last 2 (fewer at first)",
         "uniform random 42%",
         "sticky random 54%",
     ]
-    x, y = found["mean of the last 2"]
+    x, y = found["mean of the last 2 (fewer at first)"]
     assert x == EPISODES["decisions"]
     assert y == pytest.approx([0.2, 0.3, 0.4, 0.6])  # over the gap
     assert found["uniform random 42%"][1] == [0.42, 0.42]
@@ -69,7 +69,8 @@ def test_coverage_has_dots_a_mean_and_the_levels() -> None:
 
 def test_the_return_names_its_parts_and_its_correlation_with_coverage() -> None:
     axes = draw_training(EPISODES, {}, levels={}, window=2).axes[1]
-    assert list(lines(axes)) == ["episodes", "mean of the last 2", "count part"]
+    mean = "mean of the last 2 (fewer at first)"
+    assert list(lines(axes)) == ["episodes", mean, "count part"]
     # Coverage 0.2, 0.4, 0.6 with returns 10, 20, 30; the third has none.
     assert axes.get_title(loc="left").endswith("(correlation with coverage 1.00)")
 
@@ -151,8 +152,10 @@ def test_a_world_without_ground_truth_has_no_panels_for_it() -> None:
     figure = draw_training(episodes, metrics | {"loss_q": [3.0, 2.0, 1.0]}, levels={})
     FigureCanvasAgg(figure).draw()
     panels = {one.get_title(loc="left"): list(lines(one)) for one in figure.axes}
+    mean = "mean of the last 16 (fewer at first)"
     assert panels == {
-        "Intrinsic return": ["episodes", "mean of the last 16", "count part"],
+        # Of the task or of curiosity.
+        "Return of the training's episodes": ["episodes", mean, "count part"],
         "Waypoints per episode": ["new 5"],
         "Entropy of the policy": ["entropy 1.5"],
         "Losses of the policy": ["q 1"],

@@ -1,4 +1,5 @@
 import io
+from dataclasses import replace
 
 import pytest
 import torch
@@ -77,7 +78,20 @@ def test_marks_lie_on_the_curve_and_are_named(report):
     assert f"{found.threshold:.3f}" in name
     *_, mark = axes.lines
     assert mark.get_xdata()[0] == found.threshold
-    assert mark.get_ydata()[0] == pytest.approx(found.achieved, rel=0.3)
+    assert mark.get_ydata()[0] == found.achieved
+    assert name.endswith(f"({found.achieved:.1%})")
+
+
+def test_a_share_that_was_not_measured_is_said_to_be_read_off_the_curve(report):
+    tc, locomotion, shares, found = report
+    # Such as the share of close pairs, which is none of waypoints.
+    other = replace(found, achieved=0.9, per_sequence=())
+    axes = draw((tc, locomotion, shares, other)).axes[4]
+    (name,) = [text for text in texts(axes) if text.startswith("map")]
+    *_, mark = axes.lines
+    read = mark.get_ydata()[0]
+    assert read == pytest.approx(found.achieved, rel=0.3)
+    assert name.endswith(f"(about {read:.1%})")
 
 
 def test_bins_of_few_pairs_are_marked_as_such(report):

@@ -63,6 +63,21 @@ def test_a_logarithmic_axis_of_decisions() -> None:
     assert {"10", "100", "1 k"} <= set(shown)
 
 
+def test_a_measure_that_is_no_percentage_is_shown_whole() -> None:
+    panels = {"pong": {"a": group(([0.0, 9.0], [-5.0, 300.0]))}}
+    (axes,) = draw_learning_curves(panels, {}, label="return", percent=False).axes
+    low, high = axes.get_ylim()
+    assert low <= -5 < 300 <= high
+    (axes,) = draw_learning_curves(panels, {}, label="%").axes
+    assert axes.get_ylim() == (0, 102)
+
+
+def test_runs_of_which_nothing_is_drawn_are_not_counted() -> None:
+    runs = group(([0.0, 9.0], [40.0, 60.0]), ([0.0, 9.0], [NAN, NAN]))
+    (axes,) = draw_learning_curves({"maze1": {"a": runs}}, {}, label="%").axes
+    assert labels(axes) == ["a (1 run)"]
+
+
 @pytest.mark.parametrize(
     "runs",
     [[], [([1.0], [NAN])], [([0.0, 1.0], [5.0, 5.0]), ([2.0, 3.0], [5.0, 5.0])]],
@@ -105,6 +120,12 @@ def test_accuracies_over_numbers_have_dots_and_a_line() -> None:
     assert [text.get_text() for text in axes.get_xticklabels()] == ["1", "4"]
     assert axes.get_xscale() == "linear"
     assert locomotion.get_xdata().tolist() == [4]
+
+
+def test_a_line_says_of_how_few_runs_its_means_are() -> None:
+    points = [("1", [80.0]), ("4", [92.0, 94.0, 96.0])]
+    (axes,) = swept({"": {"TC": points}}, x="k").axes
+    assert labels(axes) == ["TC, mean of 1 to 3 runs"]
 
 
 def test_names_stand_side_by_side_without_a_line() -> None:

@@ -52,7 +52,9 @@ def test_the_trail_has_the_colours_of_the_reward() -> None:
     assert values is not None
     assert np.asarray(values).tolist() == episodes.REWARD[1:]
     assert lines[-1].get_clim() == reward_limits(episodes.REWARD)
-    assert "intrinsic reward" in figure.axes[2].get_ylabel()
+    # Of the task or of curiosity.
+    label = "reward learned from (lightest: the highest 2 %)"
+    assert figure.axes[2].get_ylabel() == label
 
 
 def test_the_titles_say_what_the_numbers_are() -> None:

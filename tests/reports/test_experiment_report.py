@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.sweeps import make_exploration, make_pretraining
+from tests.sweeps import make_exploration, make_pretraining, write_table
 from toponav.config import ExperimentConfig, PaperConfig, RowConfig, SettingsError
+from toponav.metrics import AtMost
 from toponav.reports import (
     Group,
     experiment_accuracies,
@@ -94,6 +95,30 @@ def test_decisions_are_saved_to_each_level_that_all_runs_reach(tmp_path: Path) -
     assert "saved to 100 %" not in row
 
 
+def test_who_covers_so_much_from_the_start_has_a_bound(tmp_path: Path) -> None:
+    plain = explored(tmp_path, "plain", [[0.5]], before=1e6)
+    early = explored(tmp_path, "early", [[0.5]], before=1e6, against="plain")
+    # The first mean of 16 episodes is 95 % already.
+    rows = [{"decisions": 1800 * (n + 1), "coverage": 0.95} for n in range(20)]
+    for group in (plain, early):
+        write_table(group.runs[0] / "episodes.csv", rows)
+    table = explore_table([plain, early], {}, draws=50)
+    assert list(table["training to 90 %"]) == [AtMost(1e6 + 16 * 1800)] * 2
+    columns = ["training to 50 %", "training to 100 %"]
+    line = experiment_markdown(table, columns).splitlines()[2]
+    assert [cell.strip() for cell in line.split("|")[3:5]] == ["at most 1,028,800", "-"]
+    (row, _) = csv.DictReader(io.StringIO(experiment_csv(table)))
+    assert row["training to 50 %"] == ""
+    assert float(row["training to 50 % at most"]) == 1028800
+    # Two bounds have no difference.
+    assert "saved to 50 %" not in table
+    # Of one that begins with less it is known, 55 episodes, but not what it saves.
+    later = explored(tmp_path, "later", [[0.5]], before=1e6, against="early")
+    table = explore_table([early, later], {}, draws=50).set_index("row")
+    assert table["training to 90 %"]["later"] == 1e6 + 55 * 1800
+    assert "saved to 90 %" not in table
+
+
 def test_a_reward_is_a_cell_that_an_episode_visits(tmp_path: Path) -> None:
     paper = {"reward": 586.32}
     group = explored(tmp_path, "ours", [[0.5, 0.7]], paper=paper, cells=60)
@@ -125,6 +150,29 @@ def test_scripted_policies_are_rows_and_missing_runs_leave_gaps(tmp_path: Path) 
     assert lines[3][4:6] == ["900", "-"]
     figure = experiment_curves([group], {"maze3": rows}, title="")
     assert len(figure.axes) == 1
+
+
+def test_curves_begin_after_the_pre_training_where_it_is_known(tmp_path: Path) -> None:
+    groups = [
+        explored(tmp_path, "known", [[0.5]], before=1000.0),
+        explored(tmp_path, "unknown", [[0.5]], before=math.nan),
+    ]
+    (axes,) = experiment_curves(groups, {}, title="").axes
+    names = [line.get_label() for line in axes.lines]
+    assert names == ["known (1 run)", "unknown, without its pre-training (1 run)"]
+    # With the 16th episode, from which on the mean is one of 16.
+    begins = [line.get_xdata()[0] for line in axes.lines]
+    assert begins == [1000 + 16 * 1800, 16 * 1800]
+
+
+def test_rows_of_one_run_have_a_sentence(tmp_path: Path) -> None:
+    one = explored(tmp_path, "one", [[0.5, 0.7]])
+    two = explored(tmp_path, "two", [[0.5, 0.7], [0.8, 0.6]])
+    sentence = "intervals are over episodes alone and say nothing about other seeds"
+    for groups, said in (([one, two], True), ([two], False)):
+        table = explore_table(groups, {}, draws=50)
+        text = experiment_markdown(table, ["coverage (%)"])
+        assert text.rstrip().endswith(sentence) == said
 
 
 def test_the_csv_has_the_ends_of_intervals(tmp_path: Path) -> None:

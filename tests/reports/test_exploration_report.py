@@ -6,10 +6,11 @@ from unittest.mock import Mock
 
 import pytest
 
-from tests.exploring import world_of
+from tests.exploring import explore_settings, world_of
 from tests.training.test_map_growth import make_growth, make_walk, settings
 from toponav.methods import make_reward
 from toponav.reports import ExplorationReport, Schedule
+from toponav.reports.exploration_evaluation import make_plan
 from toponav.reports.schedule import EVALUATE, EXPLORE
 from toponav.training import EpisodeLog, ExplorationState
 
@@ -47,3 +48,12 @@ def test_all_pictures_come_with_the_first_row_and_no_episode_has_to_end(
     assert (
         "phase 1 of 2: explore, then evaluate and finish map and networks; all" in said
     )
+
+
+def test_a_closed_slot_is_closed_on_the_plan_and_no_floor() -> None:
+    shut = make_plan(world_of(explore_settings("maze=maze1", "maze.blocked=[a]")))
+    open_ = make_plan(world_of(explore_settings("maze=maze1")))
+    assert (list(shut.closed), list(open_.closed)) == (["a"], [])
+    assert set(shut.slots) == set(open_.slots) == {"a", "b"}
+    assert (shut.floor.sum(), open_.floor.sum()) == (50, 51)
+    assert not shut.floor[shut.slots["a"]]

@@ -37,7 +37,11 @@ def test_the_last_map_of_each_run_counts(tmp_path: Path) -> None:
     without = make_exploration(tmp_path, "maze=maze3", best=[0.9])
 
     scores, left_out = report_maps(find_runs(tmp_path))
-    assert left_out == [f"{without} is left out: it has no map.csv"]
+    lacking = "some of its values are missing or no finite numbers"
+    assert left_out == [
+        f"{without} is left out: it has no map.csv",
+        f"decisions to cover of last map (maze=maze2) is left out: {lacking}",
+    ]
     found = {(one.settings["maze"], one.measure): one.values for one in scores}
     # 120 and 180 waypoints in 60 cells.
     assert found["maze1", "waypoints in a cell"].tolist() == [2.0, 3.0]
@@ -48,6 +52,17 @@ def test_the_last_map_of_each_run_counts(tmp_path: Path) -> None:
     ]
     # It never covered the maze.
     assert ("maze2", "decisions to cover") not in found
+
+
+def test_those_that_cover_do_not_stand_for_those_that_never_did(tmp_path: Path) -> None:
+    for seed, decisions in enumerate((200.0, math.nan)):
+        run = make_exploration(tmp_path, seed=seed, best=[0.9])
+        write_table(run / "map.csv", [map_row(decisions_to_cover=decisions)])
+    scores, left_out = report_maps(find_runs(tmp_path))
+    measures = [one.measure for one in scores]
+    assert len(measures) == 9
+    assert "decisions to cover" not in measures
+    assert [said.partition(" of ")[0] for said in left_out] == ["decisions to cover"]
 
 
 def test_the_map_of_a_run_that_is_not_over_does_not_count(tmp_path: Path) -> None:

@@ -52,6 +52,15 @@ def test_what_is_shown_makes_no_group(tmp_path: Path) -> None:
     assert sorted(score.values.tolist()) == [[1, 2], [3, 4]]
 
 
+def test_all_columns_are_of_the_episodes_that_all_runs_have(tmp_path: Path) -> None:
+    for seed, counts in enumerate(([4, 6], [2, 8, 0])):
+        make_navigation(tmp_path, seed=seed, navigator=counts)
+    (score,) = report_navigation(find_runs(tmp_path)).scores
+    assert score.values.tolist() == [[4, 6], [2, 8]]
+    # The third one of the second run came to no goal.
+    assert score.more["reached the goal (%)"] == 100
+
+
 def test_unfinished_evaluations_are_named_and_left_out(tmp_path: Path) -> None:
     run = make_run(tmp_path, "navigate")
     report = report_navigation(find_runs(tmp_path))

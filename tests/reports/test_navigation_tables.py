@@ -61,6 +61,19 @@ def test_rows_are_judged_by_what_they_chose(tmp_path: Path) -> None:
     assert list(table["runs"]) == ["2 of 2", "2 of 2", "-"]
 
 
+def test_nobody_is_asked_for_more_decisions_than_an_episode_has(tmp_path: Path) -> None:
+    groups = [navigated(tmp_path, "ours", OURS), navigated(tmp_path, "DQN", RIVAL)]
+    for group in groups:
+        for folder in group.runs.values():
+            (folder / "config/config.yaml").write_text("maze: {episode_length: 1000}\n")
+    table = navigate_table(groups, draws=50)
+    within = [name for name in table if name.startswith("success")]
+    assert within == ["success 250 (%)", "success 500 (%)"]
+    (axes,) = navigation_curves(groups, title="some").axes
+    ends = [line.get_xdata()[-1] for line in axes.lines]
+    assert ends == pytest.approx([1000] * 3)
+
+
 def test_a_row_without_runs_is_there_and_empty(tmp_path: Path) -> None:
     ours = navigated(tmp_path, "ours", OURS)
     none = Group("DQN", "maze1", {}, wanted=2, against="ours")

@@ -1,8 +1,10 @@
 """Who comes to pictures where there is no plan, and which pictures are shown."""
 
+import math
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import torch
 from omegaconf import OmegaConf
@@ -13,6 +15,7 @@ from tests.exploring import explore_settings
 from toponav.config import NavigateConfig, SettingsError
 from toponav.methods import make_world
 from toponav.reports.picture_walks import (
+    _summary,
     choose_goals,
     judge_walks,
     write_picture_walks,
@@ -53,6 +56,19 @@ def test_only_the_first_episode_counts() -> None:
     assert table.reached.tolist() == [1, 0, 0]
     assert table.decisions.tolist() == [3, -1, -1]
     assert set(table.policy) == {"sticky"}
+
+
+@pytest.mark.parametrize(
+    ("decisions", "median"), [([20, -1, -1], math.nan), ([20, 30, -1], 30.0)]
+)
+def test_who_does_not_come_counts_as_the_longest(
+    decisions: list[int], median: float
+) -> None:
+    reached = [int(one >= 0) for one in decisions]
+    table = pd.DataFrame({"reached": reached, "decisions": decisions})
+    row = _summary("navigator", table)
+    assert row["reached"] == sum(reached)
+    assert row["median_decisions"] == pytest.approx(median, nan_ok=True)
 
 
 @pytest.mark.parametrize("size", [2.0, 0.5])

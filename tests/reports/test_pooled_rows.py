@@ -1,5 +1,6 @@
 """Rows over all mazes of a table, by numbers that can be worked out by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -75,9 +76,21 @@ def test_the_best_row_is_named_with_its_lead(
     low = [explored(tmp_path, maze, worse, [[0.3, 0.3]]) for maze in ("maze1", "maze2")]
     table = explore_table([*groups, *low], {}, draws=50)
     (sentence,) = best_sentences([*ROWS, worse], table)
-    start = "over all mazes 'other' covers most of the rows beside 'base': 5.0 points "
-    assert sentence.startswith(f"{start}more than it (difference +")
-    assert sentence.endswith(")")
+    # Of seed 0, which both mazes have of both rows.
+    start = "over all mazes 'other' covers most of the rows beside 'base': "
+    one = "5.0 points more than it (of one seed, which says nothing about others)"
+    assert sentence == f"{start}{one}"
+    assert table.iloc[-2]["difference (%)"].of_one_run
     # Rows that are compared with different ones have no best.
     rows = [*ROWS, RowConfig(label="third", against="other")]
     assert best_sentences(rows, table) == []
+
+
+def test_a_lead_of_several_seeds_is_sure_or_not(groups: list[Group]) -> None:
+    base, _, other, _ = groups
+    # The same runs stand for another maze: (-10 + 0) / 2 of seed 0, (10 + 0) / 2 of 1.
+    again = [replace(one, maze="maze3") for one in (base, other)]
+    table = explore_table([base, other, *again], {}, draws=50)
+    (sentence,) = best_sentences(ROWS, table)
+    assert ": 0.0 points " in sentence
+    assert sentence.endswith(", which includes 0)")

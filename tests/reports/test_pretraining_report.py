@@ -14,10 +14,17 @@ from toponav.builders import engine_world, make_networks
 from toponav.data import HeldOut
 from toponav.envs import DEFAULT_ENGINE, load_layout_file
 from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, POSITION
-from toponav.reports import summarize, write_reports
+from toponav.reports import pretraining_report, summarize, write_reports
 from toponav.training import Validation
 
 MAZE_WORLD = engine_world(DEFAULT_ENGINE)
+
+
+def make_world(layout, spec, *, blocked=()):
+    floor = torch.tensor(layout.open_mask)
+    for letter in blocked:
+        floor[layout.slots[letter]] = False
+    return SimpleNamespace(layout=layout, spec=spec, floor=floor)
 
 
 def make_held_out(name, *, poses):
@@ -39,7 +46,7 @@ def make_held_out(name, *, poses):
 @pytest.fixture
 def lane(tmp_path):
     path = tmp_path / "lane.txt"
-    path.write_text("*" * 14 + "\n*" + " " * 12 + "*\n" + "*" * 14)
+    path.write_text("*" * 14 + "\n*" + " " * 11 + "a*\n" + "*" * 14)
     return load_layout_file(path)
 
 
@@ -58,8 +65,8 @@ def test_a_world_without_truth_has_thresholds_and_what_needs_none(
 ):
     config, validate = validation
     worlds = [
-        SimpleNamespace(layout=lane, spec=WORLD),  # a layout alone is no truth
-        SimpleNamespace(layout=lane, spec=MAZE_WORLD),
+        make_world(lane, WORLD),  # a layout alone is no truth
+        make_world(lane, MAZE_WORLD),
     ]
     figures = write_reports(tmp_path, validate, worlds, config)
     assert set(figures["chain"]) == {"accuracy", "auc"} | {
@@ -79,3 +86,21 @@ def test_a_world_without_truth_has_thresholds_and_what_needs_none(
     assert first.startswith("chain: TC ")
     assert "place error" in second
     assert "place error" not in first
+
+
+def test_slots_that_stay_closed_are_walls_to_what_is_measured(
+    validation, lane, tmp_path, monkeypatch
+):
+    config, validate = validation
+    floors, make = [], pretraining_report.GroundTruthDistances
+
+    def note(floor, **named):
+        floors.append(floor)
+        return make(floor, **named)
+
+    monkeypatch.setattr(pretraining_report, "GroundTruthDistances", note)
+    worlds = make_world(lane, WORLD), make_world(lane, MAZE_WORLD, blocked="a")
+    write_reports(tmp_path, validate, worlds, config)
+    # Of the twelve cells of the lane the last one is closed.
+    assert [int(floor.sum()) for floor in floors] == [11]
+    assert not floors[0][lane.slots["a"]]

@@ -122,6 +122,37 @@ def test_an_exploration_that_is_resumed_goes_on_with_its_times(
         assert [row["seconds"] for row in csv.DictReader(file)] == [resumed]
 
 
+def test_of_parts_that_go_on_beside_each_other_the_last_one_counts(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    schedule = Schedule({"one": 60.0, "two": 160.0})
+    schedule.begin("one")
+    clock.now += 60
+    schedule.begin("two")
+    first, second = schedule.part(), schedule.part()
+    first(0.0)
+    clock.now += 60
+    capsys.readouterr()
+    # One part is nearly over, nothing is known of the other: 160 - 60 = 100 s.
+    first(0.9)
+    said = capsys.readouterr().err
+    assert said == "phase 2 of 2: two; all done in about 1.7 minutes\n"
+    clock.now += 60
+    first(1.0)
+    # Still nothing: 160 - 120 = 40 s.
+    assert capsys.readouterr().err.endswith("all done in about 0.7 minutes\n")
+    clock.now += 60
+    second(0.5)
+    # 0.5 x 180 s by its rate, and more than was expected is over: 1.5 minutes.
+    assert capsys.readouterr().err.endswith("all done in about 1.5 minutes\n")
+    clock.now += 60
+    second(0.9)
+    # 0.9 x 240 x 0.1 / 0.9 = 24 s.
+    assert capsys.readouterr().err.endswith("all done in about 0.4 minutes\n")
+    second(1.0)
+    schedule.end()
+
+
 def test_engines_that_start_do_not_count_as_slow_progress(
     clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.sweeps import make_exploration, make_pretraining, make_run
-from toponav.metrics import summarize_scores
+from tests.sweeps import make_exploration, make_pretraining, make_run, write_table
+from toponav.metrics import AtMost, summarize_scores
 from toponav.reports import report_exploration, report_pretraining
 from toponav.runs import find_runs
 
@@ -109,7 +109,29 @@ def test_the_training_is_through_when_sixteen_episodes_are(tmp_path: Path) -> No
     # ones, and reaches 0.9 at j = 2, with the 14th good episode, the 54th of all.
     make_exploration(tmp_path, best=[0.95], training=1.0)
     report = report_exploration(find_runs(tmp_path))
-    assert report.scores[0].more["training to 90 %"] == 54 * 1800
+    assert report.scores[0].more["exploring to 90 %"] == 54 * 1800
+
+
+def test_who_covers_so_much_from_the_start_has_a_bound(tmp_path: Path) -> None:
+    # 20 episodes of 95 %: the first mean of 16 ends with the 16th.
+    rows = [{"decisions": 1800 * (n + 1), "coverage": 0.95} for n in range(20)]
+    runs = [make_exploration(tmp_path, seed=seed, best=[0.95]) for seed in range(3)]
+    write_table(runs[0] / "episodes.csv", rows)
+    # The other two are there with the 55th, and so is the median.
+    report = report_exploration(find_runs(tmp_path))
+    assert report.scores[0].more["exploring to 90 %"] == 55 * 1800
+    write_table(runs[1] / "episodes.csv", rows)
+    report = report_exploration(find_runs(tmp_path))
+    assert report.scores[0].more["exploring to 90 %"] == AtMost(16 * 1800)
+
+
+def test_a_curve_begins_where_it_is_of_sixteen_episodes(tmp_path: Path) -> None:
+    make_exploration(tmp_path, best=[0.95])
+    figure = report_exploration(find_runs(tmp_path)).figure
+    assert figure is not None
+    curve = figure.axes[0].lines[0]
+    assert curve.get_xdata()[0] == 16 * 1800
+    assert "mean of the last 16 episodes" in figure.axes[0].get_ylabel()
 
 
 def test_mazes_have_panels_and_levels_of_their_own(tmp_path: Path) -> None:
@@ -162,7 +184,7 @@ def test_runs_without_a_best_policy_have_their_last_one(tmp_path: Path) -> None:
     assert list(found) == policies
     np.testing.assert_allclose(found["rnd", "last"].values, [[85, 90]])
     # The column that only the policy has by which a run is judged.
-    judged = [key for key in found if "training to 90 %" in found[key].more]
+    judged = [key for key in found if "exploring to 90 %" in found[key].more]
     assert judged == policies[:2]
 
 
@@ -194,6 +216,22 @@ def test_without_any_ground_truth_it_is_of_intrinsic_return(tmp_path: Path) -> N
     assert {one.measure for one in report.scores} == {"intrinsic return"}
     assert found["best"].values.tolist() == [[7.0]]
     assert found["best"].more == {}
+
+
+def test_returns_are_shown_whole(tmp_path: Path) -> None:
+    folder = make_exploration(tmp_path, "world=gym", best=[0.8])
+    returns = np.where(np.arange(80) < 40, -5.0, 300.0)
+    for name, values in (("evaluation.csv", 7.0), ("episodes.csv", returns)):
+        table = pd.read_csv(folder / name).assign(intrinsic_return=values)
+        table = table.drop(columns=["coverage", "decisions_to_90"], errors="ignore")
+        table.to_csv(folder / name, index=False)
+    figure = report_exploration(find_runs(tmp_path)).figure
+    assert figure is not None
+    (axes,) = figure.axes
+    low, high = axes.get_ylim()
+    shown = np.asarray(axes.lines[0].get_ydata())
+    assert (shown.min(), shown.max()) == (-5, 300)
+    assert low <= -5 < 300 <= high
 
 
 @pytest.mark.parametrize(

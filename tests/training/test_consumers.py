@@ -1,5 +1,7 @@
 """Which consumers a run has, and what they ask of a batch."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -108,9 +110,17 @@ def test_what_changes_explorers_is_finished_before_they_are_evaluated(
     *_, consumers = consumers_of(tmp_path)
     consumers["online"] = ContinuedTraining.__new__(ContinuedTraining)
     finished: list[str] = []
+
+    def half_way(_: Path, progress: Callable[[float], object], name: str) -> None:
+        progress(0.5)
+        finished.append(name)
+
     for name, one in consumers.items():
-        monkeypatch.setattr(one, "finish", lambda _, name=name: finished.append(name))
+        monkeypatch.setattr(one, "finish", partial(half_way, name=name))
     finish(consumers, tmp_path, beside=False)
     assert finished == ["episodes", "learner", "best", "reward", "online"]
-    finish(consumers, tmp_path, beside=True)
+    shares: list[float] = []
+    finish(consumers, tmp_path, beside=True, progress=shares.append)
     assert finished[5:] == ["map", "locomotion"]
+    # Half of the first, half of the second, and all.
+    assert shares == [0.25, 0.75, 1.0]

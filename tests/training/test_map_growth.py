@@ -6,6 +6,7 @@ import errno
 import math
 import threading
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from toponav.config.explore import MOST_AROUND
 from toponav.graph import PoseRules, load_map, save_map, walking_costs
 from toponav.ground_truth import GroundTruthDistances, waypoint_poses
 from toponav.metrics import map_quality
-from toponav.training import MapGrowth
+from toponav.training import MapGrowth, finish
 from toponav.training.ground_training import GroundRules
 from toponav.training.place_training import OffsetRules, PlaceRules
 
@@ -434,7 +435,13 @@ def test_poses_leave_few_waypoints_at_the_end(
         return map_quality(metric, poses, edges, cost, **given)
 
     monkeypatch.setattr("toponav.training.map_truth.map_quality", judge)
-    growth.finish(tmp_path)
+    shares: list[float] = []
+    finish({"map": growth}, tmp_path, beside=True, progress=shares.append)
+    # It goes on all the time: poses, then three networks.
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+    steps = [later - one for one, later in pairwise([0.0, *shares])]
+    assert max(steps) < 0.06
     number = growth.map.num_waypoints
     assert 10 < number < many / 2
     assert len(growth.truth.poses.values) == number == growth.growth[-1][1]

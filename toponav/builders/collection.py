@@ -269,8 +269,10 @@ def collect_walks(
     privileged: bool = False,
     progress: Callable[[], object] = lambda: None,
 ) -> TensorDictBase:
-    """Episodes ``[E, T]`` of uniform actions, by this process; the seed decides all.
+    """E walks of T uniform actions, by this process; the seed decides all.
 
+    Where the world ends an episode early, the next one follows in the same walk, and
+    ``("next", "done")`` says where.
     ``progress`` is called after every decision.
     """
     env = world.make_env(
@@ -288,6 +290,11 @@ def collect_walks(
             progress()
 
         rollout = collect_rollout(
-            env, policy, decisions, keep=HELD_OUT_KEYS, progress=count
+            env,
+            policy,
+            decisions,
+            keep=HELD_OUT_KEYS,
+            keep_next=["done"],
+            progress=count,
         )
     return rollout.frames

@@ -5,9 +5,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torch import nn
+from torch import Tensor, nn
 from torchrl.envs import EnvBase
 from torchrl.envs.transforms import Transform
 
@@ -41,10 +42,21 @@ class World(Protocol):
     episode_length: int
     #: The plan, for evaluation alone; ``None`` in a world without ground truth.
     layout: Layout | None
+    #: Letters of its slots that are closed in all episodes.
+    blocked: Collection[str] = ()
     #: What its environments can write beside views: ``velocity``, ``depth``.
     senses: Collection[str]
 
     def __init__(self, settings: ExploreConfig | PretrainConfig) -> None: ...
+
+    @property
+    def floor(self) -> Tensor:
+        """The plan, bool ``[rows, columns]``, in which `blocked` slots are wall."""
+        assert self.layout is not None
+        mask = torch.tensor(self.layout.open_mask)
+        for letter in self.blocked:
+            mask[self.layout.slots[letter]] = False
+        return mask
 
     def make_env(
         self,
@@ -94,8 +106,10 @@ class Consumer:
     def write(self, folder: Path) -> None:
         """Write its files and pictures, now and then and after the last batch."""
 
-    def finish(self, folder: Path) -> None:
-        """Called once when no more batches come."""
+    def finish(
+        self, folder: Path, progress: Callable[[float], object] = lambda _: None
+    ) -> None:
+        """Called once when no more batches come; calls ``progress`` with its share."""
 
     def state_dict(self) -> dict[str, Any]:
         """What another one needs to continue: the states or values of `saved`."""

@@ -25,10 +25,13 @@ class PairSet:
 
 
 class HeldOut:
-    """Episodes of one world, all of one length; with poses where the world has them.
+    """A number of walks in one world, all of one length; with poses where it has them.
+
+    A walk is one episode, or several if the world ends them early.
 
     Args:
-        frames: ``[E, T]`` with ``network_pixels`` and ``action``, a number or one-hot.
+        frames: ``[E, T]`` with ``network_pixels`` and ``action``, a number or one-hot;
+            ``("next", "done")`` says where episodes end, without it walks alone do.
         name: of the world.
 
     Examples:
@@ -47,6 +50,7 @@ class HeldOut:
         self.name = name
         self.num_episodes, self.length = frames.shape
         self.frames = frames.flatten()
+        self.episodes = Episodes.from_lengths(_episode_lengths(frames))
 
     @property
     def pixels(self) -> Tensor:
@@ -57,11 +61,10 @@ class HeldOut:
         """Draw pairs by a rule, such as `TCPairs` or `LPairs`."""
         require_parts(rule, "rule", "TCPairs or LPairs", "draw")
         action = as_numbers(read_entry(self.frames, ACTION), self.frames.shape)
-        episodes = Episodes.from_lengths([self.length] * self.num_episodes)
         generator = torch.Generator().manual_seed(seed)
-        place, extra = rule.draw(episodes, num_pairs, generator)
-        first, second = place.unbind(-1)
-        same = first // self.length == second // self.length
+        place, extra = rule.draw(self.episodes, num_pairs, generator)
+        first, second = place.T.contiguous()
+        same = self.episodes.run_of(first) == self.episodes.run_of(second)
         return PairSet(
             first,
             second,
@@ -78,3 +81,14 @@ class HeldOut:
         here, there = read_entry(self.frames, POSITION)[rows]
         heading, other = read_entry(self.frames, HEADING).squeeze(-1)[rows]
         return (here, there), (heading, other)
+
+
+def _episode_lengths(frames: TensorDictBase) -> list[int]:
+    done = frames.get(("next", "done"), None)
+    ends = torch.zeros(frames.shape, dtype=torch.bool)
+    if done is not None:
+        ends |= done.reshape(frames.shape).cpu()
+    ends[:, -1] = True
+    last = ends.flatten().nonzero().squeeze(-1)
+    lengths: list[int] = last.diff(prepend=torch.tensor([-1])).tolist()
+    return lengths

@@ -1,7 +1,7 @@
 """`Cell`: a run of an experiment, from its row, maze and seed to its settings."""
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +14,7 @@ from toponav.config import (
     RowConfig,
     SettingsError,
     maze_words,
+    require,
 )
 from toponav.experiments.found_runs import (
     OTHER_RUNS,
@@ -105,7 +106,8 @@ def plan_cells(settings: ReproduceConfig) -> list[Cell]:
     has their key. One with a map is a row's as well as one without.
 
     Raises:
-        SettingsError: if a row has settings that its recipe refuses.
+        SettingsError: if a row has settings that its recipe refuses, or another world
+            than a maze.
     """
     runs = Path(settings.runs)
     found, mapped = find_keys(runs), find_mapped(runs)
@@ -133,6 +135,8 @@ def _cells_of(
     names = {_FIRST: f"{row.label} (first run)", _POLICY: f"{row.label} (policy)"}
     lines = dict(_words_before(settings, row, words))
     configs = {mark: _compose(before, line, row.label) for mark, line in lines.items()}
+    if recipe != "pretrain":
+        _require_mazes(row, [config, *configs.values()])
     first = settings.first_seed
     for seed in range(first, first + settings.seeds):
         earlier = {
@@ -148,6 +152,14 @@ def _cells_of(
         if cell.key in mapped and not is_finished(cell.folder):
             cell = replace(cell, folder=mapped[cell.key])
         yield cell
+
+
+def _require_mazes(row: RowConfig, configs: Iterable[DictConfig]) -> None:
+    """Refuse worlds without the truth that explorations and tours are judged by."""
+    for config in configs:
+        world = OmegaConf.select(config, "world.name", default="maze")
+        rule = f"row '{row.label}' must have world=maze, to be judged by its plan"
+        require(world == "maze", rule, f"world={world}")
 
 
 def _words_before(

@@ -25,7 +25,8 @@ def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]
             own = [cell for cell in cells if (cell.row, cell.maze) == (row.label, maze)]
             found = {one.seed: one.results for one in own}
             runs = {seed: at for seed, at in found.items() if at is not None}
-            before = decisions_before(own[0]) if runs else math.nan
+            known = (decisions_before(one) for one in own if one.results is not None)
+            before = next(filter(math.isfinite, known), math.nan)
             figures = paper.get((row.label, maze), {})
             group = Group(
                 *(row.label, maze, runs, len(own), before, row.against, figures),
@@ -36,10 +37,11 @@ def make_groups(settings: ReproduceConfig, cells: Sequence[Cell]) -> list[Group]
 
 
 def _num_maze_cells(cell: Cell) -> int | None:
-    """Cells of the maze that a cell explores."""
+    """Cells of the maze that a cell explores, closed ones left out."""
     if cell.recipe != "explore" or cell.config.world.name != "maze":
         return None
-    return make_layout(explore_settings(cell).maze).num_cells
+    maze = explore_settings(cell).maze
+    return make_layout(maze).num_cells - len(set(maze.blocked))
 
 
 def scripted_of(

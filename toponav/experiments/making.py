@@ -169,7 +169,7 @@ class RunMaker:
             wanted = OmegaConf.select(cell.config, "collect.decisions")
             if wanted is None:
                 texts.append(cell.name)
-                left += max(0.0, should - took)
+                left += should if math.isnan(should) else max(0.0, should - took)
                 continue
             made = decisions_of(cell.folder)
             rate = job.rate(made, now)

@@ -1,7 +1,7 @@
 """`consolidate`: a map of few waypoints, by the poses of its views."""
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,7 @@ def consolidate(
     above: float,
     move_rules: MoveRules | None = None,
     support_rules: SupportRules | None = None,
+    progress: Callable[[float], object] = lambda _: None,
 ) -> Consolidation:
     """Make a map again of few of its waypoints, and of the moves between them.
 
@@ -80,6 +81,7 @@ def consolidate(
         move_rules: which moves become edges, `MoveRules`'s own by default.
         support_rules: which views say that a waypoint is where it seems to be, by
             default `SupportRules`'s own.
+        progress: called with the share that is done of what takes longest, the poses.
     """
     wanted = "waypoints", "walks", "rebuild"
     require_parts(topological_map, "topological_map", "a TopologicalMap", *wanted)
@@ -88,7 +90,7 @@ def consolidate(
     if len(walks) == 0 or not len(waypoints):
         return unchanged
     poses = estimate_poses(
-        walks, effects, waypoints.compare, waypoints.entries_of, rules
+        walks, effects, waypoints.compare, waypoints.entries_of, rules, progress
     )
     if poses.known < rules.least_known or poses.fit < _FIT:
         return unchanged

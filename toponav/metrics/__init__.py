@@ -36,17 +36,21 @@ from toponav.metrics.navigation_metrics import (
     success_within as success_within,
     trace_navigation as trace_navigation,
 )
+from toponav.metrics.score_tables import (
+    aligned_table as aligned_table,
+    csv_table as csv_table,
+    intervals_note as intervals_note,
+    markdown_table as markdown_table,
+)
 from toponav.metrics.statistics import (
+    AtMost as AtMost,
     Estimate as Estimate,
     Floats as Floats,
     Scores as Scores,
-    aligned_table as aligned_table,
     bootstrap as bootstrap,
     correlation as correlation,
-    csv_table as csv_table,
     decisions_to_reach as decisions_to_reach,
     drop_unknown as drop_unknown,
-    markdown_table as markdown_table,
     running_mean as running_mean,
     summarize_scores as summarize_scores,
     top_mean as top_mean,

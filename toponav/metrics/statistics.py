@@ -1,4 +1,4 @@
-"""Means of several runs or episodes, how sure they are, and the tables of sweeps."""
+"""Means of several runs or episodes, how sure they are, and the rows of sweeps."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,9 +13,6 @@ from rliable.metrics import aggregate_iqm
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-#: What Markdown calls these columns.
-_HEADS = {"mean": "mean (95 %)", "iqm": "IQM (95 %)"}
-_HEADS |= {"top_5": "top 5", "top_5_draws": "top 5 draws"}
 
 
 @dataclass(frozen=True)
@@ -25,11 +22,24 @@ class Estimate:
     value: float
     low: float
     high: float
+    #: Whether the interval is over the episodes of one run alone, or of one seed in
+    #: all mazes.
+    of_one_run: bool = False
 
     def __str__(self) -> str:
         if np.isnan(self.low):
             return f"{self.value:.1f}"
         return f"{self.value:.1f} ({self.low:.1f} to {self.high:.1f})"
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """A number of decisions of which nobody knows more than that it is no larger."""
+
+    value: float
+
+    def __str__(self) -> str:
+        return f"at most {self.value:,.0f}"
 
 
 class _RunsThenEpisodes(StratifiedBootstrap):
@@ -89,7 +99,8 @@ def bootstrap(
         return Estimate(value, np.nan, np.nan)
     samples = _RunsThenEpisodes(np.atleast_2d(table), seed=seed)
     low, high = samples.conf_int(statistic, draws, method="percentile", size=level)
-    return Estimate(value, low.item(), high.item())
+    of_one_run = table.ndim > 1 and table.shape[-2] == 1
+    return Estimate(value, low.item(), high.item(), of_one_run)
 
 
 def top_mean(values: ArrayLike, count: int = 5) -> float:
@@ -139,7 +150,7 @@ class Scores:
     measure: str  # the name of the values, with their unit
     values: Floats
     #: Other numbers; a name that ends in ``(%)`` gets one decimal place, others none.
-    more: Mapping[str, float] = field(default_factory=dict)
+    more: Mapping[str, float | AtMost] = field(default_factory=dict)
     #: What was drawn by chance for each of the R runs; empty if nothing was.
     draws: Sequence[str] = ()
 
@@ -221,45 +232,3 @@ def decisions_to_reach(decisions: ArrayLike) -> tuple[float, float]:
     reached = taken >= 0
     median = float(np.median(np.where(reached, taken, np.inf)))
     return median if math.isfinite(median) else math.nan, float(reached.mean())
-
-
-def markdown_table(table: pd.DataFrame) -> str:
-    """The table of `summarize_scores` in Markdown, its columns aligned."""
-    texts = {
-        _HEADS.get(name, name): [_text(name, value) for value in table[name]]
-        for name in table
-    }
-    return aligned_table(pd.DataFrame(texts)) if len(table) else ""
-
-
-def _text(name: str, value: object) -> str:
-    if isinstance(value, float):
-        places = 1 if name.endswith("(%)") or name[:5] == "top_5" else 0
-        return "-" if math.isnan(value) else f"{value:,.{places}f}"
-    return "-" if value is None else str(value)
-
-
-def aligned_table(frame: pd.DataFrame) -> str:
-    """Texts as a Markdown table with aligned columns, ending in a line break."""
-    columns = [
-        pd.Series([name, *frame[name]]).str.replace("|", "\\|", regex=False)
-        for name in frame
-    ]
-    padded = [column.str.ljust(column.str.len().max()) for column in columns]
-    head, *rows = ["| " + " | ".join(row) + " |" for row in zip(*padded, strict=True)]
-    rule = "|" + "|".join("-" * (len(column[0]) + 2) for column in padded) + "|"
-    return "\n".join([head, rule, *rows]) + "\n"
-
-
-def csv_table(table: pd.DataFrame) -> str:
-    """The same as CSV, the ends of the intervals by themselves."""
-    columns = {}
-    for name in table:
-        columns[name] = table[name]
-        if name in ("mean", "iqm"):
-            columns[name] = [one.value for one in table[name]]
-            columns[f"{name}_low"] = [one.low for one in table[name]]
-            columns[f"{name}_high"] = [one.high for one in table[name]]
-    frame = pd.DataFrame(columns)
-    text: str = frame.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    return text

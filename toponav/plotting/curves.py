@@ -74,7 +74,7 @@ def draw_training(
         >>> episodes = {"decisions": [1800, 3600], "coverage": [0.4, 0.5]}
         >>> figure = draw_training(episodes, {}, levels={"uniform random": 0.42})
         >>> [line.get_label() for line in figure.axes[0].lines]
-        ['episodes', 'mean of the last 16', 'uniform random 42%']
+        ['episodes', 'mean of the last 16 (fewer at first)', 'uniform random 42%']
     """
     per_episode, reported = _to_frame(episodes), _to_frame(metrics)
     has_running = _has_values(reported, "running_coverage")
@@ -125,7 +125,7 @@ def _draw_episodes(
         return
     x, y = episodes["decisions"], episodes[name]
     axes.plot(x, y, ".", color=colour, alpha=0.3, markersize=4, label="episodes")
-    label = f"mean of the last {window}"
+    label = f"mean of the last {window} (fewer at first)"
     axes.plot(x, running_mean(y, window), c=colour, lw=style.LINE, label=label)
 
 
@@ -139,7 +139,7 @@ def _draw_return(
     axes: Axes, episodes: pd.DataFrame, metrics: pd.DataFrame, window: int
 ) -> None:
     """Draw the return, its parts, and where the networks were replaced."""
-    heading = "Intrinsic return"
+    heading = "Return of the training's episodes"
     if {"coverage", "intrinsic_return"} <= set(episodes):
         together = correlation(episodes["intrinsic_return"], episodes["coverage"])
         if np.isfinite(together):

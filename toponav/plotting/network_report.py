@@ -135,8 +135,12 @@ def _draw_waypoints(
     looks = zip(marks.items(), style.MARKS, colours, strict=False)
     for (name, mark), shape, colour in looks:
         here = mark.threshold
-        share = math.exp(np.interp(logit(here), logit(at), np.log(mean)))
-        label = f"{name}: {here:.3f} ({share:.1%})"
+        share, about = mark.achieved, ""
+        if not mark.per_sequence:
+            # What it achieves is no share of waypoints, which the curve has.
+            share = math.exp(np.interp(logit(here), logit(at), np.log(mean)))
+            about = "about "
+        label = f"{name}: {here:.3f} ({about}{share:.1%})"
         axes.plot(here, share, shape, c=colour, ms=7, mec="white", label=label)
     axes.set_xscale("logit")
     axes.set_yscale("log")

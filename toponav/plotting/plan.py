@@ -44,7 +44,7 @@ class FloorPlan:
         (np.float64(0.0), np.float64(40.0))
     """
 
-    open_mask: ArrayLike  # bool [rows, cols], true where the layout has floor
+    open_mask: ArrayLike  # bool [rows, cols], true where there is floor
     _: KW_ONLY
     cell_size: float  # side of a cell in map units, `Motion.cell_size`
     # Row and column of each slot, by its letter, and which of them are closed.

@@ -44,12 +44,13 @@ def draw_learning_curves(
     title: str = "",
     x: str = "decisions of the training",
     log_x: bool = False,
+    percent: bool = True,
 ) -> Figure:
     """Draw the mean of each group of runs and a band from its worst to its best run.
 
     Groups are by panel and name, and so are ``levels``, values to mark with a line
-    across; ``label`` stands at the vertical axis and ``x`` at the other, which is
-    logarithmic with ``log_x``.
+    across; ``label`` stands at the vertical axis, which ends at 0 and 100 if values are
+    in ``percent``, and ``x`` at the other, which is logarithmic with ``log_x``.
 
     Examples:
         >>> x, y = np.arange(3.0), np.array([40.0, 60.0, 80.0])
@@ -63,13 +64,15 @@ def draw_learning_curves(
         looks = cycle(product(style.DASHES, style.PALETTE))
         for (name, runs), (dashes, colour) in zip(groups.items(), looks, strict=False):
             at, middle, low, high = band(runs)
-            count = f"{len(runs)} run{'s' * (len(runs) > 1)}"
+            drawn = sum(bool(np.isfinite(values).any()) for _, values in runs)
+            count = f"{drawn} run{'s' * (drawn != 1)}"
             name = f"{name} ({count})" if name else count
             axes.fill_between(at, low, high, color=colour, alpha=0.18, linewidth=0)
             axes.plot(at, middle, dashes, c=colour, lw=style.LINE, label=name)
         marked = levels.get(heading, {})
         style.add_levels(axes, {f"{name} {of:.1f}": of for name, of in marked.items()})
-        axes.set_ylim(0, 102)
+        if percent:
+            axes.set_ylim(0, 102)
         style.show_thousands(axes, log=log_x)
         labels = {"x": x, "y": label, "note": _BAND}
         style.finish(axes, title=heading, legend="below", **labels)
@@ -109,8 +112,9 @@ def draw_sweep(
         lines = panel.groupby("line", sort=False)
         for (line, runs), (colour, mark) in zip(lines, looks, strict=False):
             points = runs.groupby("at", sort=False)["value"].agg(["mean", "size"])
-            count = int(points["size"].max())
-            name = f"{line}, mean of {count} run{'s' * (count > 1)}"
+            fewest, count = int(points["size"].min()), int(points["size"].max())
+            several = f"{fewest} to {count}" if fewest < count else f"{count}"
+            name = f"{line}, mean of {several} run{'s' * (count > 1)}"
             at, mean = places[points.index], points["mean"]
             axes.plot(at, mean, mark, c=colour, ls=dashes, ms=5, label=name)
             if count > 1:

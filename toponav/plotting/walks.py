@@ -44,7 +44,7 @@ def draw_exploration(trace: EpisodeTrace, plan: FloorPlan) -> Figure:
     left, right = figure.subplots(1, 2)
     plan.draw(left)
     reward, limits = trace.reward, reward_limits(trace.reward)
-    label = "intrinsic reward (lightest: the highest 2 %)"
+    label = "reward learned from (lightest: the highest 2 %)"
     look: dict[str, Any] = {"label": label, "limits": limits, "jump": plan.jump}
     draw_trajectory(left, trace.positions, reward, **look)
     title = f"{len(trace) - 1:,} decisions: coverage {trace.coverage[-1]:.0%}, "

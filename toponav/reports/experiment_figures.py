@@ -4,14 +4,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from toponav.metrics import Floats, running_mean
+from toponav.metrics import Floats
 from toponav.plotting import draw_learning_curves, draw_sweep
 from toponav.reports.experiment_report import Group
-from toponav.reports.sweep_report import WINDOW
+from toponav.reports.training_curves import WINDOW, training_curve
 from toponav.runs import read_exploration, read_pretraining
 
 
@@ -21,21 +20,22 @@ def experiment_curves(
     *,
     title: str,
 ) -> Figure:
-    """Learning curves: coverage over the decisions, those of pre-training included."""
+    """Learning curves: coverage over the decisions, those of pre-training included.
+
+    Where nobody knows these the name says so.
+    """
     panels: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
     levels: dict[str, dict[str, float]] = {}
     for group in groups:
         panel = panels.setdefault(group.maze, {})
-        runs = [read_exploration(folder).episodes for folder in group.runs.values()]
-        before = 0.0 if math.isnan(group.before) else group.before
-        if runs:
-            panel[group.row] = [
-                (
-                    one["decisions"].to_numpy(np.float64) + before,
-                    running_mean(one["score"], WINDOW),
-                )
-                for one in runs
-            ]
+        curves = [
+            training_curve(read_exploration(folder)) for folder in group.runs.values()
+        ]
+        name, before = group.row, group.before
+        if math.isnan(before):
+            name, before = f"{name}, without its pre-training", 0.0
+        if curves:
+            panel[name] = [(at + before, score) for at, score in curves]
         rows = pd.DataFrame(scripted.get(group.maze, ()))
         if len(rows):
             means = 100 * rows.groupby("policy", sort=False)["coverage"].mean()

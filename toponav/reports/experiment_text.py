@@ -2,11 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import pandas as pd
 
-from toponav.metrics import Estimate, aligned_table
+from toponav.metrics import (
+    AtMost,
+    Estimate,
+    aligned_table,
+    csv_table,
+    intervals_note,
+)
 from toponav.reports.experiment_report import PAPER
 
 
@@ -15,11 +20,11 @@ def experiment_markdown(table: pd.DataFrame, columns: Sequence[str]) -> str:
     paper = [f"{PAPER}{name}" for name in columns if f"{PAPER}{name}" in table]
     shown = [name for name in columns if name in table]
     texts = table[["maze", "row", *shown, *paper, "runs"]].map(_text)
-    return aligned_table(texts)
+    return aligned_table(texts) + intervals_note(table[shown])
 
 
 def _text(value: object) -> str:
-    if isinstance(value, str | Estimate):
+    if isinstance(value, str | Estimate | AtMost):
         return str(value)
     if value is None or math.isnan(number := float(value)):  # type: ignore[arg-type]
         return "-"
@@ -29,15 +34,5 @@ def _text(value: object) -> str:
 
 
 def experiment_csv(table: pd.DataFrame) -> str:
-    """The whole table as CSV, the ends of the intervals by themselves."""
-    columns: dict[str, Any] = {}
-    for name in table:
-        column = list(table[name])
-        if any(isinstance(one, Estimate) for one in column):
-            for end, of in (("", "value"), (" low", "low"), (" high", "high")):
-                columns[f"{name}{end}"] = [getattr(one, of, math.nan) for one in column]
-        else:
-            columns[name] = column
-    frame = pd.DataFrame(columns)
-    text: str = frame.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    return text
+    """The whole table as CSV; ends of intervals, and bounds, are by themselves."""
+    return csv_table(table, sep=" ")

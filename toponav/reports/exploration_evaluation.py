@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
@@ -54,9 +55,10 @@ class Evaluation:
         return mean_of(self.rows(), column)
 
     def rows(self) -> list[Row]:
-        """A row of ``evaluation.csv`` for each episode."""
+        """A row of ``evaluation.csv`` for each episode, until the world ends it."""
         later = self.episodes.get("next")
-        last = later[:, -1]
+        ends = ends_of(later)
+        last = later[torch.arange(len(later)), ends]
         table = pd.DataFrame({"policy": self.policy, "seed": range(len(later))})
         if (coverage := last.get(keys.COVERAGE, None)) is not None:
             table["coverage"] = coverage.flatten().tolist()
@@ -65,10 +67,23 @@ class Evaluation:
         if (places := last.get(keys.PLACES, None)) is not None:
             table["places"] = places.flatten().tolist()
         reward = later.get(self.reward_key, None)
-        returns = math.nan if reward is None else reward.sum(1).flatten().tolist()
+        returns: float | list[float] = math.nan
+        if reward is not None:
+            until = torch.arange(reward.shape[1]) <= ends.unsqueeze(1)
+            returns = (reward.flatten(1) * until).sum(1).tolist()
         table["intrinsic_return"] = returns
         rows: list[Row] = table.to_dict("records")
         return rows
+
+
+def ends_of(later: TensorDictBase) -> Tensor:
+    """The decision ``[N]`` that ended each episode of ``[N, T]``, T - 1 if none."""
+    done = later.get("done", None)
+    if done is None:
+        return torch.full(later.shape[:1], later.shape[1] - 1)
+    ended: Tensor = done.flatten(1).clone()
+    ended[:, -1] = True
+    return ended.int().argmax(1)
 
 
 def evaluate_policies(
@@ -100,7 +115,7 @@ def evaluate_policies(
         seed=seed_of(settings.seed, EVALUATION_SEED),
         action_seed=seed_of(settings.seed, EVALUATION_SEED, 1),
         keep=_KEPT,
-        keep_next=[*_KEPT, reward],
+        keep_next=[*_KEPT, reward, "done"],
         views=length + 1,
         progress=progress,
     )
@@ -168,10 +183,12 @@ def summarize_evaluation(world: str, rows: list[Row]) -> str:
 def write_episode_video(folder: Path, world: World, evaluation: Evaluation) -> None:
     """Write ``episode.mp4``: the first episode of an evaluation, view beside plan.
 
-    Without ground truth there is no plan, and the video shows the views.
+    Without ground truth there is no plan, and the video shows the views until the
+    world ends the episode.
     """
     views = evaluation.views.numpy()
-    frames: Iterable[Any] = views
+    end = int(ends_of(evaluation.episodes["next"])[0])
+    frames: Iterable[Any] = views[: end // _EVERY + 1]
     if world.layout is not None:
         trace = trace_episode(evaluation.episodes[0], reward=evaluation.reward_key)
         frames = explored_frames(trace, views, plan=make_plan(world), every=_EVERY)
@@ -179,7 +196,8 @@ def write_episode_video(folder: Path, world: World, evaluation: Evaluation) -> N
 
 
 def make_plan(world: World) -> FloorPlan:
-    """The plan of a maze to draw on."""
+    """The plan of a maze to draw on; slots that are closed are no floor."""
     assert world.layout is not None
     cell_size = require_motion(world.spec).cell_size
-    return FloorPlan(world.layout.open_mask, cell_size=cell_size)
+    slots, closed = world.layout.slots, world.blocked
+    return FloorPlan(world.floor, cell_size=cell_size, slots=slots, closed=closed)

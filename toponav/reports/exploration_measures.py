@@ -9,14 +9,8 @@ import numpy as np
 import pandas as pd
 from rliable.metrics import aggregate_iqm
 
-from toponav.metrics import (
-    Estimate,
-    Floats,
-    bootstrap,
-    decisions_to_reach,
-    running_mean,
-)
-from toponav.reports.sweep_report import WINDOW
+from toponav.metrics import AtMost, Estimate, Floats, bootstrap
+from toponav.reports.training_curves import decisions_until, median_until
 from toponav.runs import Exploration, read_exploration
 
 #: The policy of each run that is judged: that of its end. A best one is not kept by
@@ -90,18 +84,20 @@ def _saved(own: Explored, other: Explored, level: int) -> Values:
     """Fewer decisions of the training to a level than runs with equal seeds, ``[1]``.
 
     Those that the networks learned from before are counted. Nothing if one of the runs
-    never gets there: how much it saves is not known.
+    never gets there, or is there from the start: how much it saves is not known.
     """
     more = other.before - own.before
     ours, theirs = (
-        {seed: _reached(one, level) for seed, one in side.runs.items()}
+        {seed: _known(decisions_until(one, level)) for seed, one in side.runs.items()}
         for side in (own, other)
     )
-    seeds = [seed for seed in ours if seed in theirs]
-    taken = [side[seed] for side in (ours, theirs) for seed in seeds]
-    if min(taken, default=-1.0) < 0 or math.isnan(more):
-        return {}
-    return {seed: np.array([theirs[seed] - ours[seed] + more]) for seed in seeds}
+    saved = {seed: theirs[seed] - ours[seed] + more for seed in ours if seed in theirs}
+    known = all(map(math.isfinite, saved.values()))
+    return {seed: np.array([one]) for seed, one in saved.items()} if known else {}
+
+
+def _known(decisions: float | AtMost) -> float:
+    return decisions if isinstance(decisions, float) and decisions >= 0 else math.nan
 
 
 def stack_runs(values: Values) -> Floats:
@@ -126,24 +122,10 @@ def estimate(column: str, values: Floats, draws: int) -> Estimate:
     return bootstrap(values, draws=draws)
 
 
-def training_columns(own: Explored) -> dict[str, float]:
+def training_columns(own: Explored) -> dict[str, float | AtMost]:
     """Medians of the decisions of the training, ``before`` included, to each level."""
-    measured = {"pre-training": own.before}
+    measured: dict[str, float | AtMost] = {"pre-training": own.before}
     for level in LEVELS:
-        taken = [_reached(one, level) for one in own.runs.values()]
-        found = decisions_to_reach(taken)[0] + own.before
+        found = median_until(own.runs.values(), level, before=own.before)
         measured[f"training to {level} %"] = found
     return measured
-
-
-def _reached(one: Exploration, level: float) -> float:
-    """Decisions until the mean of the last episodes covers so much, -1 if never.
-
-    All of the maze counts as soon as one episode covers it.
-    """
-    score = one.episodes["score"].to_numpy()
-    if level < 100:
-        score = running_mean(score, WINDOW)
-        score[: WINDOW - 1] = 0.0
-    good = np.flatnonzero(score >= level - 1e-6)
-    return float(one.episodes["decisions"].iloc[good[0]]) if len(good) else -1.0

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from toponav.metrics import Scores
+from toponav.metrics import Scores, drop_unknown
 from toponav.reports.sweep_report import read_all
 from toponav.runs import (
     Run,
@@ -43,9 +43,10 @@ _COLUMNS = (
 def report_maps(runs: Sequence[Run]) -> tuple[list[Scores], list[str]]:
     """What the last map of each exploration is worth, a score ``[R]`` a measure.
 
-    Values of the runs of a group that differ in their seeds alone; a map that never
-    covered its maze has no decisions to cover. Beside them a sentence on every run
-    that is not over, has no map, or none with ground truth.
+    Values of the runs of a group that differ in their seeds alone. What some of them
+    lack is left out, since the others would flatter: a map that never covered its maze
+    has no decisions to cover. Beside them a sentence on this, and on every run that is
+    not over, has no map, or none with ground truth.
     """
     results, left_out = read_all(runs, _last_map)
     names = swept_settings(runs)
@@ -53,10 +54,8 @@ def report_maps(runs: Sequence[Run]) -> tuple[list[Scores], list[str]]:
     for settings, members in group_runs(results, names):
         for measure, of in _MEASURES.items():
             values = np.array([of(results[run]) for run in members], np.float64)
-            values = values[np.isfinite(values)]
-            if len(values):
-                scores.append(Scores(settings, "last map", measure, values))
-    return scores, left_out
+            scores.append(Scores(settings, "last map", measure, values))
+    return drop_unknown(scores, left_out), left_out
 
 
 def _last_map(folder: Path) -> pd.Series:

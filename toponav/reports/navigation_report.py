@@ -150,20 +150,12 @@ def write_path(
 ) -> None:
     """Draw ``path.png``: of the legs that reached their goal the one with most cuts.
 
-    Without any that did, the first leg of the first episode.
+    Without any that did, of all legs. Of several with as many cuts, such as none, it is
+    the one of median length.
     """
     trace, known = episodes.trace, knowledge.map
-
-    def cuts_of(leg: Any) -> np.ndarray:
-        span = (leg.episode, slice(leg.start, leg.end))
-        cuts = np.stack([trace.cut_from[span], trace.cut_to[span]], 1)
-        return cuts[cuts[:, 0] >= 0]
-
-    def interest(leg: Any) -> tuple[bool, int, int]:
-        return leg.reached, len(cuts_of(leg)), -leg.decisions
-
-    leg = max(metrics.find_legs(trace).itertuples(), key=interest)
-    cuts, reached = cuts_of(leg), "reached" if leg.reached else "not reached"
+    leg = _leg_to_show(trace)
+    cuts, reached = _cuts_of(trace, leg), "reached" if leg.reached else "not reached"
     title = f"episode {leg.episode}: {leg.decisions} decisions, {reached}, "
     figure = plotting.draw_leg(
         trace.positions[leg.episode, leg.start : leg.end],
@@ -176,6 +168,22 @@ def write_path(
         title=f"{title}{len(cuts)} cuts",
     )
     plotting.save_figure(figure, folder / "path.png")
+
+
+def _leg_to_show(trace: metrics.NavigationTrace) -> Any:
+    """The leg that `write_path` draws, as ``itertuples`` has it."""
+    legs = list(metrics.find_legs(trace).itertuples())
+    interest = [(leg.reached, len(_cuts_of(trace, leg))) for leg in legs]
+    best = max(interest)
+    most = [leg for leg, of in zip(legs, interest, strict=True) if of == best]
+    return sorted(most, key=lambda leg: leg.decisions)[len(most) // 2]
+
+
+def _cuts_of(trace: metrics.NavigationTrace, leg: Any) -> np.ndarray:
+    """The ends ``[C, 2]`` of the edges that were closed in a leg."""
+    span = (leg.episode, slice(leg.start, leg.end))
+    cuts = np.stack([trace.cut_from[span], trace.cut_to[span]], 1)
+    return cuts[cuts[:, 0] >= 0]
 
 
 def _make_floor_plan(

@@ -1,13 +1,17 @@
 """The table and the figure of an experiment that navigates, from its runs' folders."""
 
+import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from omegaconf import OmegaConf
 from rliable.metrics import aggregate_iqm
 
+from toponav.config import read_yaml
 from toponav.metrics import Floats, bootstrap, success_within
 from toponav.plotting import draw_learning_curves
 from toponav.reports.experiment_report import (
@@ -57,7 +61,7 @@ def navigation_curves(groups: Sequence[Group], *, title: str) -> Figure:
         named = {one.row: _played(one, _CHOSEN) for one in own} | _others(own)
         for name, tables in named.items():
             if tables:
-                panel[name] = [_curve(one["first_goal"]) for one in tables.values()]
+                panel[name] = [_curve(one) for one in tables.values()]
     label = "episodes that have reached a goal (%)"
     x = "decisions of an episode"
     # Who knows the way is there in tens of decisions, who does not in thousands.
@@ -66,7 +70,7 @@ def navigation_curves(groups: Sequence[Group], *, title: str) -> Figure:
 
 def _played(group: Group, policy: str) -> dict[int, pd.DataFrame]:
     """The episodes of a policy in the runs of a group, by seed."""
-    tables = {seed: read_navigation(at) for seed, at in group.runs.items()}
+    tables = {seed: _read(at) for seed, at in group.runs.items()}
     own = {seed: one[one["policy"] == policy] for seed, one in tables.items()}
     return {seed: one for seed, one in own.items() if len(one)}
 
@@ -76,10 +80,17 @@ def _others(groups: Sequence[Group]) -> dict[str, dict[int, pd.DataFrame]]:
     found: dict[str, dict[int, pd.DataFrame]] = {}
     for group in groups:
         for seed, folder in group.runs.items():
-            for policy, table in read_navigation(folder).groupby("policy", sort=False):
+            for policy, table in _read(folder).groupby("policy", sort=False):
                 if policy != _CHOSEN:
                     found.setdefault(str(policy), {}).setdefault(seed, table)
     return found
+
+
+def _read(folder: Path) -> pd.DataFrame:
+    """The episodes of a run, each with the decisions that it had at most."""
+    config = read_yaml(folder / "config" / "config.yaml")
+    length = OmegaConf.select(config, "maze.episode_length", default=math.inf)
+    return read_navigation(folder).assign(length=length)
 
 
 def _column(tables: Mapping[int, pd.DataFrame], name: str) -> Floats:
@@ -99,7 +110,9 @@ def _measures(
     }
     if best:
         found["of the oracle (%)"] = float(100 * goals.mean() / best)
-    for time in WITHIN:
+    # Within more than an episode has, nobody was asked.
+    length = min(one["length"].min() for one in tables.values())
+    for time in [one for one in WITHIN if one <= length]:
         reached = 100.0 * ((first >= 0) & (first <= time))
         found[f"success {time} (%)"] = bootstrap(reached, draws=draws)
     return found
@@ -120,6 +133,7 @@ def _difference(
     return {"difference (goals)": bootstrap(pairs, draws=draws)}
 
 
-def _curve(first: "pd.Series[float]") -> tuple[Floats, Floats]:
-    times = np.geomspace(_FIRST, max(WITHIN), 201)
-    return times, 100 * success_within(first, times)
+def _curve(table: pd.DataFrame) -> tuple[Floats, Floats]:
+    last = min(max(WITHIN), table["length"].min())
+    times = np.geomspace(min(_FIRST, last), last, 201)
+    return times, 100 * success_within(table["first_goal"], times)

@@ -68,13 +68,16 @@ def best_sentences(rows: Sequence[RowConfig], table: pd.DataFrame) -> list[str]:
     best = max(known, key=lambda row: known[row].value)
     found = known[best]
     more = "more" if found.value > 0 else "less"
-    sure = "" if math.isnan(found.low) else _certainty(found)
     text = f"over {ALL_MAZES} '{best}' covers most of the rows beside '{base}': "
-    text += f"{abs(found.value):.1f} points {more} than it{sure}"
+    text += f"{abs(found.value):.1f} points {more} than it{_certainty(found)}"
     return [text]
 
 
 def _certainty(found: Estimate) -> str:
+    if found.of_one_run:
+        return " (of one seed, which says nothing about others)"
+    if math.isnan(found.low):
+        return ""
     ends = f"difference {found.low:+.1f} to {found.high:+.1f}"
     apart = found.low > 0 or found.high < 0
     return f" ({ends}, which {'leaves out' if apart else 'includes'} 0)"

@@ -191,9 +191,8 @@ def _measure(
     seed: int,
 ) -> tuple[metrics.TCReport, metrics.LReport, dict[str, float]]:
     rule, k = TCPairs(config.pairs.k, config.validate.m), config.pairs.locomotion_k
-    assert world.layout is not None
-    mask, motion = torch.from_numpy(world.layout.open_mask), require_motion(world.spec)
-    distances = GroundTruthDistances(mask, cell_size=motion.cell_size)
+    motion = require_motion(world.spec)
+    distances = GroundTruthDistances(world.floor, cell_size=motion.cell_size)
 
     def apart(pairs: PairSet) -> PairTruth:
         return pair_truth(distances, *held_out.poses(pairs), motion=motion)

@@ -4,8 +4,9 @@ import json
 import math
 import os
 import sys
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,9 @@ class Schedule:
         self._first: tuple[float, float] | None = None
         # Seconds that the finished phases took, and were expected to take.
         self._took = self._should = 0.0
+        # Shares of the parts of the phase that runs, which go on beside each other.
+        self._parts: list[float] = []
+        self._shows = threading.Lock()  # each part may show its own in a thread
 
     @property
     def minutes(self) -> float:
@@ -98,6 +102,7 @@ class Schedule:
         self._phase, self._began = phase, time.monotonic()
         self._earlier = self._rows.get(phase, {}).get("seconds", 0.0)
         self._said, self._first = self._began, None
+        self._parts.clear()
         if self.announce:
             self._say()
 
@@ -142,17 +147,25 @@ class Schedule:
         text = f"phase {names.index(phase) + 1} of {len(names)}: {phase}"
         if later:
             text += f", then {', '.join(later)}"
-        rest = self._measured(share) if share else math.nan
+        factor = so_far / should if should else 1.0
+        rest = self._rest(share, factor * expected)
         if share and not math.isnan(expected):
             # As much of the phase as its share, startup counted once.
             whole = time.monotonic() - self._began + rest
-            so_far, should = so_far + share * whole, should + share * expected
-        factor = so_far / should if should else 1.0
+            factor = (so_far + share * whole) / (should + share * expected)
         known = factor * sum(later.values())
-        rest = rest if share else factor * expected
         if math.isnan(rest):
             return f"{text}; all done about {_minutes(known)} after that"
         return f"{text}; all done in about {_minutes(known + rest)}"
+
+    def _rest(self, share: float, usual: float) -> float:
+        """Seconds that the rest of the phase takes, all of which takes ``usual``."""
+        if not self._parts:
+            return self._measured(share) if share else usual
+        # Parts that end leave their cores to others, so that no rate is steady: the
+        # less is done, the more counts what is usual.
+        due = max(usual - (time.monotonic() - self._began), 0.0)
+        return share * self._measured(share) + (1 - share) * due if share else due
 
     def _measured(self, share: float) -> float:
         """Seconds that the rest of the phase takes at the rate of its progress."""
@@ -180,6 +193,22 @@ class Schedule:
             # For the next start, if this one is cut off; no reason to end it.
             with suppress(OSError):
                 self._write()
+
+    def part(self) -> Callable[[float], None]:
+        """What shows the share of one of several parts of the phase that runs.
+
+        They go on beside each other, and the one that is least far decides. All are
+        made before the first shows anything, or count as they are made.
+        """
+        number = len(self._parts)
+        self._parts.append(0.0)
+
+        def show(share: float) -> None:
+            with self._shows:
+                self._parts[number] = share
+                self.show(min(self._parts))
+
+        return show
 
     def _say(self, share: float = 0.0) -> None:
         self._said = time.monotonic()

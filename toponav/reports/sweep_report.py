@@ -14,13 +14,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from toponav.metrics import (
+    AtMost,
     Floats,
     Scores,
     decisions_to_reach,
     drop_unknown,
-    running_mean,
 )
 from toponav.plotting import draw_learning_curves, draw_sweep
+from toponav.reports.training_curves import WINDOW, median_until, training_curve
 from toponav.runs import (
     BrokenRunError,
     Exploration,
@@ -34,8 +35,6 @@ from toponav.runs import (
 
 Result = TypeVar("Result")
 
-#: Episodes over which the coverage (or return) of a training is averaged.
-WINDOW = 16
 # A run is judged by the first of these that it has.
 _LEARNED = ("best", "last")
 # Policies that do not learn, and what the figure calls them.
@@ -143,7 +142,7 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
             explorations = [results[run] for run in members]
             learned = _learned_scores({**maze, **settings}, explorations, label)
             scores += [replace(one, draws=draws_of(members)) for one in learned]
-            panel[label_of(settings)] = [_training_curve(one) for one in explorations]
+            panel[label_of(settings)] = [training_curve(one) for one in explorations]
         scripted = _scripted_scores(maze, [results[run] for run in in_maze], label)
         scores += scripted
         levels[label_of(maze)] = {
@@ -151,7 +150,9 @@ def report_exploration(runs: Sequence[Run], *, title: str = "") -> SweepReport:
         }
     name, *percent = label.split(" (")
     label = " (".join([f"{name}, mean of the last {WINDOW} episodes", *percent])
-    figure = draw_learning_curves(panels, levels, label=label, title=title)
+    figure = draw_learning_curves(
+        panels, levels, label=label, title=title, percent=not blind
+    )
     return SweepReport("policy", "episodes", scores, figure, left_out)
 
 
@@ -164,9 +165,10 @@ def _learned_scores(
         tables = [_episodes_of(policy, one) for one in explorations]
         if all(map(len, tables)):
             values = np.stack([table["score"] for table in tables])
-            more = _decisions_to_90(pd.concat(tables))
+            more: dict[str, float | AtMost] = {**_decisions_to_90(pd.concat(tables))}
             if more and not scores:
-                more["training to 90 %"] = _training_to_90(explorations)
+                # Without the pre-training, unlike "training to" in an experiment.
+                more["exploring to 90 %"] = median_until(explorations, 90)
             scores.append(Scores(settings, policy, label, values, more))
     return scores
 
@@ -196,21 +198,6 @@ def _decisions_to_90(table: pd.DataFrame) -> dict[str, float]:
         return {}
     median, share = decisions_to_reach(table["decisions_to_90"])
     return {"decisions to 90 %": median, "share to 90 % (%)": 100 * share}
-
-
-def _training_curve(one: Exploration) -> tuple[Floats, Floats]:
-    score = running_mean(one.episodes["score"], WINDOW)
-    return one.episodes["decisions"].to_numpy(), score
-
-
-def _training_to_90(explorations: list[Exploration]) -> float:
-    """Median decisions of the training until the mean of its episodes passed 90 %."""
-    taken = []
-    for one in explorations:
-        decisions, coverage = _training_curve(one)
-        good = np.flatnonzero(coverage[WINDOW - 1 :] >= 90) + WINDOW - 1
-        taken.append(decisions[good[0]] if len(good) else -1)
-    return decisions_to_reach(taken)[0]
 
 
 def _drop_without_coverage(
@@ -244,7 +231,7 @@ def _drop_short_evaluations(
 def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     """Goals ``[R, E]`` reached in an episode, by setting and policy.
 
-    E is the number of episodes that all runs of a group have.
+    E is the number of episodes that all runs of a group have; others do not count.
 
     Reference:
         The paper, Tables 8 and 9.
@@ -255,10 +242,10 @@ def report_navigation(runs: Sequence[Run], *, title: str = "") -> SweepReport:
     scores = []
     for settings, members in group_runs(results, names):
         episodes = pd.concat({run.folder: results[run] for run in members})
-        for policy, table in episodes.groupby("policy", sort=False):
-            goals = table["goals"].groupby(level=0, sort=False)
-            least = goals.size().min()
-            values = np.stack([run.to_numpy()[:least] for _, run in goals])
+        for policy, every in episodes.groupby("policy", sort=False):
+            of_runs = every.groupby(level=0, sort=False)
+            table = of_runs.head(of_runs.size().min())
+            values = table["goals"].to_numpy().reshape(of_runs.ngroups, -1)
             more = {
                 "reached the goal (%)": 100 * float((table["first_goal"] >= 0).mean()),
                 "SPL (%)": 100 * float(table["spl"].mean()),

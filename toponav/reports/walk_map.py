@@ -44,7 +44,7 @@ def write_walk_map(
 
     frames = held_out.frames[:length]
     poses = torch.cat([frames.get(POSITION), frames.get(HEADING)], -1)
-    mask = torch.as_tensor(world.layout.open_mask)
+    mask = world.floor
     cell_size = require_motion(world.spec).cell_size
     metric = GroundTruthDistances(mask, cell_size=cell_size)
     far = edge_lengths(metric, poses[times], edges) > FALSE_EDGE_CELLS * cell_size

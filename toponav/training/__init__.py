@@ -41,6 +41,7 @@ from toponav.training.explorer import (
     make_explorer as make_explorer,
     publish as publish,
 )
+from toponav.training.ground_training import GroundRules as GroundRules
 from toponav.training.map_growth import MapGrowth as MapGrowth
 from toponav.training.pair_trainer import (
     PairTrainer as PairTrainer,

@@ -1,7 +1,7 @@
 """The consumers of an exploration's batches, from its settings."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -163,11 +163,25 @@ def needed_keys(consumers: Mapping[str, Consumer]) -> list[NestedKey]:
     return list(dict.fromkeys(key for one in consumers.values() for key in one.in_keys))
 
 
-def finish(consumers: Mapping[str, Consumer], folder: Path, *, beside: bool) -> None:
-    """Finish those that change what explorers use, or those that can beside them."""
-    for consumer in consumers.values():
-        if consumer.finishes_beside == beside:
-            consumer.finish(folder)
+def finish(
+    consumers: Mapping[str, Consumer],
+    folder: Path,
+    *,
+    beside: bool,
+    progress: Callable[[float], object] = lambda _: None,
+) -> None:
+    """Finish those that change what explorers use, or those that can beside them.
+
+    ``progress`` is called with the share that is done.
+    """
+    those = [one for one in consumers.values() if one.finishes_beside == beside]
+    for number, consumer in enumerate(those):
+
+        def of_all(share: float, number: int = number) -> None:
+            progress((number + share) / len(those))
+
+        consumer.finish(folder, of_all)
+    progress(1.0)
 
 
 def trained_policies(

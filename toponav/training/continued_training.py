@@ -6,7 +6,7 @@ Reference:
 """
 
 import copy
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,9 @@ class ContinuedTraining(Consumer):
         self._hand_over()
         return (NETWORKS,)
 
-    def finish(self, folder: Path) -> None:
+    def finish(
+        self, folder: Path, progress: Callable[[float], object] = lambda _: None
+    ) -> None:
         self._hand_over()
 
     def state_dict(self) -> dict[str, Any]:
@@ -178,7 +180,9 @@ class LocomotionFinetuner(Consumer):
         self.buffer.extend(frames)
         return {}
 
-    def finish(self, folder: Path) -> None:
+    def finish(
+        self, folder: Path, progress: Callable[[float], object] = lambda _: None
+    ) -> None:
         """Train the head; loss and accuracy go into ``locomotion.csv``.
 
         Without episodes long enough for a pair, it stays as it is.
@@ -209,6 +213,7 @@ class LocomotionFinetuner(Consumer):
         for update in bar:
             measured = trainer.step()
             schedule.step()
+            progress(update / config.updates)
             figures = measured["loss_locomotion"], measured["train_l_accuracy"]
             sums += torch.tensor(figures)
             if update % _ROW_EVERY == 0 or update == config.updates:

@@ -34,6 +34,7 @@ def fit(
     rules: FitRules,
     *,
     name: str,
+    progress: Callable[[float], object],
 ) -> _Network:
     """Make a network and train it on views that are drawn uniformly.
 
@@ -45,6 +46,7 @@ def fit(
         views: numbers of those that are drawn from, int64.
         rules: how it learns.
         name: of the progress bar.
+        progress: called with the share of the updates that is done.
 
     Returns:
         The network, in ``eval()`` mode.
@@ -58,11 +60,13 @@ def fit(
             network.parameters(), lr=rules.lr, weight_decay=rules.weight_decay
         )
         schedule = OneCycleLR(optimizer, rules.lr, total_steps=rules.updates)
-        for _ in tqdm(range(rules.updates), desc=name, unit="update", leave=False):
+        updates = range(1, rules.updates + 1)
+        for update in tqdm(updates, desc=name, unit="update", leave=False):
             drawn = views[torch.randint(len(views), (rules.views,))]
             found = loss(network, embeddings[drawn].float(), drawn)
             optimizer.zero_grad()
             found.backward()
             optimizer.step()
             schedule.step()
+            progress(update / rules.updates)
     return network.eval()

@@ -1,5 +1,6 @@
 """`train_ground`: a network that sees from a view where the ground is free."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -21,7 +22,10 @@ class GroundRules(FitRules):
 
 
 def train_ground(
-    embeddings: Tensor, poses: Tensor, rules: GroundRules
+    embeddings: Tensor,
+    poses: Tensor,
+    rules: GroundRules,
+    progress: Callable[[float], object] = lambda _: None,
 ) -> GroundNetwork:
     """Learn from V views where the ground before them is free.
 
@@ -38,6 +42,7 @@ def train_ground(
         embeddings: of the views, ``[V, D]``, of any precision.
         poses: of the views, ``[V, 3]``: steps, steps and degrees.
         rules: how it learns.
+        progress: called with the share of the updates that is done.
     """
     known = poses.isfinite().all(1).nonzero().flatten()
     if not len(known):
@@ -50,5 +55,11 @@ def train_ground(
 
     sizes = embeddings.shape[1], len(BEARINGS), len(DISTANCES)
     return fit(
-        lambda: GroundNetwork(*sizes), loss, embeddings, known, rules, name="ground"
+        lambda: GroundNetwork(*sizes),
+        loss,
+        embeddings,
+        known,
+        rules,
+        name="ground",
+        progress=progress,
     )

@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,9 @@ from toponav.training.place_training import (
 
 #: The file in a run folder that holds the views of the map's waypoints.
 VIEWS_FILE = "map_views.bin"
+#: Share of the time of finishing that is over when the poses are found, places are
+#: learned, then offsets and the ground, on two cores; the rest is writing.
+_POSES, _PLACES, _OFFSETS, _GROUND = 0.61, 0.79, 0.91, 0.95
 
 
 class MapGrowth(Consumer):
@@ -137,20 +140,24 @@ class MapGrowth(Consumer):
         self.map.set_thresholds(*map_thresholds(self.config, self.networks.thresholds))
         self.map.refresh(version)
 
-    def finish(self, folder: Path) -> None:
+    def finish(
+        self, folder: Path, progress: Callable[[float], object] = lambda _: None
+    ) -> None:
         """Embed by the last networks, and make the map smaller as the settings say."""
         tolerance = self.config.sparsify
         self.writer.wait()
         before = self.map.num_waypoints, len(self.map.edges)
         if self.trains_online:
             self._embed(self.map.network_version + 1)
-        views = None if self.effects is None else self.consolidate()
+        views = None
+        if self.effects is not None:
+            views = self.consolidate(_part_of(progress, 0, _POSES))
         if tolerance is not None:
             numbers = sparsify(self.map, tolerance=tolerance)
             if self.truth is not None:
                 self.truth.poses.merge(numbers)
         if views is not None:
-            self.learn_places(*views)
+            self.learn_places(*views, progress)
         now = self.map.num_waypoints, len(self.map.edges)
         if now != before:
             tqdm.write(
@@ -162,7 +169,9 @@ class MapGrowth(Consumer):
             self.write(folder)
         self.writer.wait()
 
-    def consolidate(self) -> tuple[Tensor, Tensor] | None:
+    def consolidate(
+        self, progress: Callable[[float], object] = lambda _: None
+    ) -> tuple[Tensor, Tensor] | None:
         """Make the map again of few waypoints, by the poses of all its views.
 
         Returns embeddings ``[V, D]`` and poses ``[V, 3]`` of these, or ``None`` if they
@@ -175,6 +184,7 @@ class MapGrowth(Consumer):
             PoseRules(above=self.map.rules.tc_threshold, seed=self.seed),
             within=self.config.poses_within,
             above=self.config.poses_above,
+            progress=progress,
         )
         if found.embeddings is None or found.poses is None:
             tqdm.write(
@@ -190,15 +200,28 @@ class MapGrowth(Consumer):
             self.truth.poses.keep(found.kept)
         return found.embeddings, found.poses
 
-    def learn_places(self, embeddings: Tensor, poses: Tensor) -> None:
+    def learn_places(
+        self, embeddings: Tensor, poses: Tensor, progress: Callable[[float], object]
+    ) -> None:
         """Train what says where a view was taken, and where its ground is free."""
         assert self.effects is not None
         turn = fastest_turn(self.effects)
         known = embeddings, poses, self.map.waypoints.poses, turn
         self.map_networks = MapNetworks(
-            train_places(*known, PlaceRules(seed=self.seed)),
-            train_offsets(*known, OffsetRules(seed=self.seed)),
-            train_ground(embeddings, poses, GroundRules(seed=self.seed)),
+            train_places(
+                *known, PlaceRules(seed=self.seed), _part_of(progress, _POSES, _PLACES)
+            ),
+            train_offsets(
+                *known,
+                OffsetRules(seed=self.seed),
+                _part_of(progress, _PLACES, _OFFSETS),
+            ),
+            train_ground(
+                embeddings,
+                poses,
+                GroundRules(seed=self.seed),
+                _part_of(progress, _OFFSETS, _GROUND),
+            ),
         )
 
     def write(self, folder: Path) -> None:
@@ -251,3 +274,10 @@ class MapGrowth(Consumer):
         self.map.resume_episodes(state["map"])
         if self.truth is not None:
             self.truth.poses.last = state["poses"]
+
+
+def _part_of(
+    progress: Callable[[float], object], start: float, end: float
+) -> Callable[[float], object]:
+    """Progress of what takes from one share of the whole to another."""
+    return lambda share: progress(start + (end - start) * share)

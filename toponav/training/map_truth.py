@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
@@ -45,8 +44,7 @@ class MapTruth:
     """Judges a map of a maze by the ground truth; no agent and no map reads it."""
 
     def __init__(self, world: World) -> None:
-        assert world.layout is not None
-        mask = torch.as_tensor(world.layout.open_mask)
+        mask = world.floor
         self.poses = WaypointPoses()
         #: Decisions of the run until the map covered every cell, NaN until then.
         self.decisions_to_cover = math.nan

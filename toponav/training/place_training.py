@@ -1,5 +1,6 @@
 """Networks that know the waypoints of one map by their views."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -44,6 +45,7 @@ def train_places(
     waypoints: Tensor,
     turn: float,
     rules: PlaceRules,
+    progress: Callable[[float], object] = lambda _: None,
 ) -> PlaceNetwork:
     """Learn which of a map's waypoints each of V views is close to.
 
@@ -60,6 +62,7 @@ def train_places(
         waypoints: poses of the waypoints, ``[W, 3]``.
         turn: degrees that the fastest action turns.
         rules: how it learns.
+        progress: called with the share of the updates that is done.
 
     Raises:
         ValueError: if no view has a known pose near a waypoint.
@@ -72,7 +75,13 @@ def train_places(
     known = _near_views(poses, waypoints, turn, rules)
     sizes = len(waypoints), embeddings.shape[1]
     return fit(
-        lambda: PlaceNetwork(*sizes), loss, embeddings, known, rules, name="places"
+        lambda: PlaceNetwork(*sizes),
+        loss,
+        embeddings,
+        known,
+        rules,
+        name="places",
+        progress=progress,
     )
 
 
@@ -82,6 +91,7 @@ def train_offsets(
     waypoints: Tensor,
     turn: float,
     rules: OffsetRules,
+    progress: Callable[[float], object] = lambda _: None,
 ) -> OffsetNetwork:
     """Learn how far from the waypoints around it each of V views was taken.
 
@@ -109,7 +119,13 @@ def train_offsets(
     known = _near_views(poses, waypoints, turn, rules)
     sizes = len(waypoints), embeddings.shape[1]
     return fit(
-        lambda: OffsetNetwork(*sizes), loss, embeddings, known, rules, name="offsets"
+        lambda: OffsetNetwork(*sizes),
+        loss,
+        embeddings,
+        known,
+        rules,
+        name="offsets",
+        progress=progress,
     )
 
 

@@ -1,7 +1,8 @@
 """`estimate_poses`: where views were taken, from actions and views alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 import torch
@@ -109,6 +110,7 @@ def estimate_poses(
     compare: Compare,
     prepare: Embed,
     rules: PoseRules,
+    progress: Callable[[float], object] = lambda _: None,
 ) -> Poses:
     """Positions and headings of all views, by least squares over actions and places.
 
@@ -121,7 +123,8 @@ def estimate_poses(
     3. `Odometry` learns from these positions what each step led to, and 2 starts again.
 
     No pose, plan or depth is read: ``effects`` ``[A, 3]`` are what the A actions do in
-    free space, steps ahead and to the left, and degrees to the left.
+    free space, steps ahead and to the left, and degrees to the left. ``progress`` is
+    called with the share of 2 and 3 that is done.
 
     Reference:
         Beyond the paper. Pose graphs with robust weights: Sünderhauf and Protzel,
@@ -156,7 +159,7 @@ def estimate_poses(
         updates=rules.updates,
         seed=rules.seed,
     )
-    position, kept = _solve(steps, closures, len(walk_of), rules)
+    position, kept = _solve(steps, closures, len(walk_of), rules, progress)
     position[headings.isnan().numpy()] = np.nan
     fit = kept / max(len(closures), 1)
     return Poses(torch.from_numpy(position).float(), headings.float(), fit)
@@ -187,9 +190,16 @@ def _closures(
 
 
 def _solve(
-    steps: Steps, closures: Closures, num: int, rules: PoseRules
+    steps: Steps,
+    closures: Closures,
+    num: int,
+    rules: PoseRules,
+    progress: Callable[[float], object],
 ) -> tuple[Floats, int]:
     """The positions, and how many closures fit them."""
+    # Learning from positions takes about as long as one solution.
+    total = _FIRST + 1 + (rules.rounds - 1) * (_LATER + 1)
+    done = count(1)
     split = len(steps.first)
     weights = np.full(split, rules.step_error**-2)
     joins = spread_weights(closures, num) * rules.closure_error**-2
@@ -208,7 +218,9 @@ def _solve(
             trust = np.concatenate(
                 [redescending(*some) for some in zip(fits, scales, strict=True)]
             )
+            progress(next(done) / total)
         if turn == 0:
             weights = 2 * weights  # learned steps are better than those of free space
         steps.learn(positions)
+        progress(next(done) / total)
     return positions, int((trust[split:] > _FITS).sum())
