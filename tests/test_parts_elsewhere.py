@@ -4,10 +4,12 @@ Each part takes it, with the result of what it usually gets, or refuses it in wo
 """
 
 from functools import partial
+from math import log, pi
 
 import pytest
 import torch
 from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
 from torch.nn.functional import one_hot
 from torchrl.data import (
     Binary,
@@ -18,7 +20,15 @@ from torchrl.data import (
     OneHot,
     TensorSpec,
 )
+from torchrl.data.postprocs import MultiStep
 from torchrl.envs import GymEnv, TransformedEnv
+from torchrl.envs.utils import ExplorationType
+from torchrl.modules import (
+    IndependentNormal,
+    NormalParamExtractor,
+    ProbabilisticActor,
+    ValueOperator,
+)
 
 from tests.fakes import FakeMaze
 from tests.graph.grey_world import episode, make_map
@@ -32,6 +42,10 @@ from toponav.modules import ActorCritic
 #: Those that learn from rewards, and those that learn from pairs of views.
 OF_SLICES = ("A3CLoss", "TRPOLoss", "RecurrentPPOLoss")
 OF_PAIRS = ("TCLoss", "LLoss")
+#: Those that also take an actor and a critic of one's own.
+OF_ANY_ACTOR = pytest.mark.parametrize(
+    "kind", [objectives.A3CLoss, objectives.TRPOLoss]
+)
 
 
 def test_every_loss_is_one_of_them() -> None:
@@ -47,6 +61,23 @@ def test_a_loss_of_slices_says_how_a_flat_batch_becomes_one(name: str) -> None:
     wanted = loss(batch.copy())
     found = loss(flat.reshape(-1, 3))  # its rows are slices of three decisions
     assert bool((wanted == found).all())
+
+
+@pytest.mark.parametrize("name", OF_SLICES)
+def test_a_loss_of_slices_refuses_several_decisions_at_once(name: str) -> None:
+    loss, batch = BATCHES[name]()
+    said = refused(lambda: loss(MultiStep(gamma=0.9, n_steps=2)(batch)))
+    assert "one decision later, got 2 in 'steps_to_next_obs'" in said
+    # Which one at once are not.
+    wanted, found = loss(batch.copy()), loss(MultiStep(gamma=0.9, n_steps=1)(batch))
+    assert bool((wanted == found).all())
+
+
+def test_trpo_takes_a_flat_batch_of_feed_forward_networks_with_advantages() -> None:
+    actor, critic, batch = make_continuous(IndependentNormal)
+    loss = objectives.TRPOLoss(actor, critic)
+    batch = loss.prepare(batch)
+    torch.testing.assert_close(loss(batch.reshape(-1)), loss(batch))
 
 
 def test_the_scale_of_returns_says_so_too() -> None:
@@ -159,6 +190,53 @@ def test_a_loss_takes_one_hot_actions(name: str) -> None:
 def loss_actions(loss: torch.nn.Module) -> int:
     network = getattr(loss, "actor_critic", None) or loss.actor_network
     return int(network.num_actions)
+
+
+def make_continuous(
+    kind: type, rows: int = 2, number: int = 2
+) -> tuple[ProbabilisticActor, ValueOperator, TensorDict]:
+    """A policy of a normal distribution over ``number`` numbers, and its decisions."""
+    torch.manual_seed(0)
+    body = torch.nn.Sequential(torch.nn.Linear(3, 2 * number), NormalParamExtractor())
+    actor = ProbabilisticActor(
+        TensorDictModule(body, ["observation"], ["loc", "scale"]),
+        in_keys=["loc", "scale"],
+        distribution_class=kind,
+        default_interaction_type=ExplorationType.RANDOM,
+        return_log_prob=True,
+    )
+    views, after = torch.randn(2, rows, 5, 3)
+    never = torch.zeros(rows, 5, 1, dtype=torch.bool)
+    following = {"observation": after, "reward": torch.randn(rows, 5, 1)}
+    following |= {"done": never, "terminated": never}
+    batch = TensorDict({"observation": views, "next": following}, [rows, 5])
+    critic = ValueOperator(torch.nn.Linear(3, 1), in_keys=["observation"])
+    return actor, critic, actor(batch).detach()
+
+
+@OF_ANY_ACTOR
+def test_a_loss_of_one_s_own_actor_takes_continuous_actions(kind: type) -> None:
+    actor, critic, batch = make_continuous(IndependentNormal)
+    loss = kind(actor, critic)
+    batch["advantage"] = batch["value_target"] = torch.ones(2, 5, 1)
+    batch["action_log_prob"] = torch.zeros(2, 5)
+    away = (batch["action"] - batch["loc"]) / batch["scale"]
+    each = -0.5 * away.square() - batch["scale"].log() - 0.5 * log(2 * pi)
+    # A3C's is the logarithm, summed over the slice, TRPO's the ratio, in the mean.
+    log_prob = each.sum(-1)
+    wanted = log_prob.sum(-1) if kind is objectives.A3CLoss else log_prob.exp()
+    out = loss(batch)
+    torch.testing.assert_close(out["loss_objective"], -wanted.mean())
+    out["loss_objective"].backward()
+    assert all(one.grad.any() for one in actor.parameters())
+
+
+@OF_ANY_ACTOR
+def test_a_log_probability_of_each_number_is_refused(kind: type) -> None:
+    actor, critic, batch = make_continuous(torch.distributions.Normal, 1, 1)
+    said = refused(lambda: kind(actor, critic)(batch))
+    assert "shape [1, 5], one a decision, got [1, 5, 1] of Normal" in said
+    assert "IndependentNormal" in said
 
 
 def maze_of(spec: TensorSpec) -> FakeMaze:

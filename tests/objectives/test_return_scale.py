@@ -124,3 +124,9 @@ def test_what_does_not_fit_is_refused() -> None:
             ReturnScale(2)(batch.exclude(("next", key)))
     with pytest.raises(ValueError, match="got 2 and the env 2"):
         ReturnScale(2)(make_batch(torch.zeros(3, 4)))
+    batch["collector", "mask"] = torch.ones(2, 4, dtype=torch.bool)
+    ReturnScale(2)(batch)["collector", "mask"][1, 1:] = False
+    with pytest.raises(
+        ValueError, match=r"without padding.* out 3 decisions: scale be"
+    ):
+        ReturnScale(2)(batch)

@@ -69,6 +69,16 @@ def test_groups_have_their_own_settings() -> None:
     assert moving < 1
 
 
+def test_a_group_that_is_added_learns_as_the_first_ones_do() -> None:
+    first, added = nn.Parameter(torch.ones(1)), nn.Parameter(torch.ones(1))
+    optimizer = SharedRMSProp([first], lr=0.1)
+    optimizer.add_param_group({"params": added})
+    first.grad = added.grad = torch.ones(1)
+    optimizer.step()
+    assert added == first < 1
+    assert optimizer.state[added] == optimizer.state[first]
+
+
 def test_it_goes_on_from_its_state_dict() -> None:
     layer, optimizer = make_pair()
     take_steps(layer, optimizer, 3)

@@ -247,6 +247,31 @@ def test_the_curvature_may_be_of_something_else() -> None:
     assert float(weight.detach()) == pytest.approx(0.9)
 
 
+@pytest.mark.parametrize("given", [False, True])
+def test_what_is_differentiated_twice_is_computed_without_cudnn(given: bool) -> None:
+    weight, calls = nn.Parameter(torch.tensor([1.0])), []
+
+    def kl() -> Tensor:
+        calls.append(torch.backends.cudnn.enabled)
+        return 0.5 * (weight - 1).square().sum()
+
+    region = TrustRegion([weight], max_kl=0.02, damping=0.0, backtracks=1)
+    region.step(lambda: (weight.sum(), kl()), kl if given else None)
+    # Before the step, of the curvature, and after the step.
+    assert calls == [True, False, True]
+    assert torch.backends.cudnn.enabled
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_recurrent_policy_moves_on_a_gpu() -> None:
+    network, batch = collected_slice()
+    loss = TRPOLoss(network.cuda())
+    batch = loss.prepare(batch.cuda())
+    done = make_region(loss).step(evaluate_of(loss, batch))
+    assert 0 < done["kl"] <= 0.01
+
+
 def test_the_divergence_is_from_the_old_policy_to_the_new_one() -> None:
     loss, batch = make_categorical()
     batch = loss.prepare(batch)

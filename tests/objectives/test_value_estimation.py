@@ -2,9 +2,16 @@ import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 from tensordict import TensorDict
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor
-from torchrl.modules import MLP, OneHotCategorical, ProbabilisticActor, ValueOperator
+from torchrl.modules import (
+    MLP,
+    LSTMModule,
+    OneHotCategorical,
+    ProbabilisticActor,
+    ValueOperator,
+    set_recurrent_mode,
+)
 from torchrl.objectives import ValueEstimators
 from torchrl.objectives.value import (
     GAE,
@@ -14,7 +21,7 @@ from torchrl.objectives.value import (
 )
 
 from tests.objectives.slices import GivenCritic, n_step_returns, random_ends
-from toponav.objectives import A3CLoss
+from toponav.objectives import A3CLoss, TRPOLoss
 from toponav.objectives.actor_critic_loss import bootstrapped_advantage
 
 
@@ -105,6 +112,31 @@ def plain_slice() -> tuple[A3CLoss, TensorDict, ValueOperator]:
     batch = TensorDict({"observation": view, "next": following}, [4, 9])
     actor(critic(batch))
     return A3CLoss(actor, critic), batch.detach(), critic
+
+
+@pytest.mark.parametrize("kind", [A3CLoss, TRPOLoss])
+def test_a_recurrent_critic_of_torchrl_judges_each_end_by_itself(kind: type) -> None:
+    """By the memory that is stored with it, whatever the rows beside it show."""
+    loss, batch, _ = plain_slice()
+    memory = LSTMModule(3, 4, in_key="observation", out_key="memory")
+    head = ValueOperator(MLP(4, 1), in_keys=["memory"])
+    loss = kind(loss.actor_network, TensorDictSequential(memory, head))
+    never = torch.zeros(4, 9, 1, dtype=torch.bool)
+    batch["next"].update({"done": never, "terminated": never})
+    for side in (batch, batch["next"]):
+        states = {key: torch.randn(4, 9, 1, 4) for key in memory.in_keys[1:3]}
+        side.update({**states, "is_init": never})
+
+    def targets(rows: TensorDict) -> Tensor:
+        # As in a loss's `forward`.
+        with set_recurrent_mode(True):
+            value = loss._judge(rows)
+            written = loss._write_advantage(rows.copy(), value, normalize=False)
+        return written["value_target"]
+
+    together = targets(batch)
+    for row in range(4):
+        torch.testing.assert_close(together[row], targets(batch[row : row + 1])[0])
 
 
 ESTIMATORS = {

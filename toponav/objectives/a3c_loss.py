@@ -16,17 +16,20 @@ from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.utils import distance_loss
 
 from toponav import keys
+from toponav.objectives.actions import (
+    action_log_prob,
+    action_numbers,
+    require_one_action,
+)
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
-    action_log_prob,
-    action_numbers,
     bootstrapped_advantage,
     read_entry,
     require_critic,
-    require_one_action,
     require_recurrent,
     require_slices,
+    valid_decisions,
 )
 
 Reduction = Literal["unroll", "mean", "sum", "none"]
@@ -40,7 +43,7 @@ class A3CLoss(GAEMixin, LossModule):
     be minimised. ``entropy`` is the mean entropy in nats. ``R`` is the n-step return
     and ``A = R - V`` unless ``make_value_estimator`` chooses another estimator (see
     `bootstrapped_advantage`); an advantage and a value target in the batch are used as
-    they are, ``[*B, T, 1]`` both.
+    they are, ``[*B, T, 1]`` both. Padding, by TorchRL's masks, counts for nothing.
 
     Names, keys and state dict are those of TorchRL's ``A2CLoss(functional=False)``, but
     the last dimension is time, because each row bootstraps once, from the state after
@@ -148,8 +151,8 @@ class A3CLoss(GAEMixin, LossModule):
             "loss_entropy": -self.entropy_coeff * entropy,
         }
         reduced = {name: self._reduce(one, tensordict) for name, one in losses.items()}
-        entropy = entropy.detach()
-        entropy = entropy if self.reduction == "none" else entropy.mean()
+        reduction = "none" if self.reduction == "none" else "mean"
+        entropy = self._reduce_loss(entropy.detach(), tensordict, reduction=reduction)
         return TensorDict({**reduced, "entropy": entropy})
 
     def _evaluate(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
@@ -159,7 +162,7 @@ class A3CLoss(GAEMixin, LossModule):
         action = read_entry(tensordict, self.tensor_keys.action, "action")
         # A shallow copy, so that the caller's batch is left alone.
         policy = self.actor_network.get_dist(tensordict.copy())
-        log_prob = action_log_prob(policy, action)
+        log_prob = action_log_prob(policy, action, tensordict.batch_size)
         return log_prob, policy.entropy(), self._judge(tensordict)
 
     def _evaluate_unrolled(
@@ -171,13 +174,18 @@ class A3CLoss(GAEMixin, LossModule):
         state_value = read_entry(unrolled, named.value, "value").float()
         log_probs = F.log_softmax(logits.float(), -1)
         *shape, num_actions = log_probs.shape
-        numbers = action_numbers(action, num_actions, torch.Size(shape))
+        valid = valid_decisions(self, tensordict)
+        numbers = action_numbers(action, num_actions, torch.Size(shape), valid=valid)
         log_prob = log_probs.gather(-1, numbers.unsqueeze(-1)).squeeze(-1)
         entropy = -(log_probs.exp() * log_probs).sum(-1)
         return log_prob, entropy, state_value
 
     def _reduce(self, loss: Tensor, tensordict: TensorDictBase) -> Any:
-        if self.reduction == "unroll":
-            kept = self._reduce_loss(loss, tensordict, reduction="none")
-            return kept.sum(-1).mean()
-        return self._reduce_loss(loss, tensordict)
+        if self.reduction != "unroll":
+            return self._reduce_loss(loss, tensordict)
+        sums = self._reduce_loss(loss, tensordict, reduction="none").sum(-1)
+        valid = valid_decisions(self, tensordict)
+        if valid is None:
+            return sums.mean()
+        # A row of padding alone is none.
+        return sums.sum() / valid.any(-1).sum().clamp_min(1)

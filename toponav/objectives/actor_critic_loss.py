@@ -1,15 +1,12 @@
-"""What the actor-critic losses share: their networks' protocol, actions and values."""
+"""What the actor-critic losses share: their networks' protocol, padding and values."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, Self
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
-from tensordict.nn import CompositeDistribution
-from torch import Tensor, nn
-from torch.distributions import Categorical, Distribution
-from torch.nn import functional as F  # noqa: N812
-from torchrl.modules import MaskedCategorical
+from torch import Tensor
+from torchrl.modules import set_recurrent_mode
 from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.value import GAE
 
@@ -55,20 +52,6 @@ def require_critic(network: object) -> None:
     require_parts(network, "critic_network", "a ValueOperator", "in_keys", "out_keys")
 
 
-def require_one_action(network: object) -> NestedKey:
-    """The key of the action that a policy draws; ValueError unless it is one alone."""
-    actions = list(getattr(network, "dist_sample_keys", []))
-    parts = network.modules() if isinstance(network, nn.Module) else ()
-    kinds = [getattr(part, "distribution_class", None) for part in parts]
-    if len(actions) != 1 or CompositeDistribution in kinds:
-        raise ValueError(
-            "actor_network must be a ProbabilisticActor of one action that is not "
-            f"composite, got {type(network).__name__} with {actions}."
-        )
-    key: NestedKey = actions[0]
-    return key
-
-
 def require_slices(batch: TensorDictBase) -> None:
     """ValueError unless a batch is ``[*B, T]``, rows of successive decisions."""
     if batch.ndim < 2:
@@ -79,39 +62,17 @@ def require_slices(batch: TensorDictBase) -> None:
         )
 
 
-def action_numbers(action: Tensor, num_actions: int, shape: torch.Size) -> Tensor:
-    """The numbers ``[*B]`` of actions, given as such or one-hot ``[*B, A]``."""
-    if action.is_floating_point():
-        raise ValueError(f"action must be integers or bools, got {action.dtype}.")
-    if action.shape == shape:
-        if ((action < 0) | (action >= num_actions)).any():
-            got = f"numbers from {int(action.min())} to {int(action.max())}"
-            raise ValueError(f"action must be in [0, {num_actions}), got {got}.")
-        return action.long()
-    if action.shape != (*shape, num_actions):
-        rule = f"numbers of the shape {list(shape)} or one-hot {[*shape, num_actions]}"
-        raise ValueError(f"action must be {rule}, got {list(action.shape)}.")
-    numbers = action.long().argmax(-1)
-    wrong = (action != F.one_hot(numbers, num_actions)).any(-1)
-    if wrong.any():
-        raise ValueError(f"action must be one-hot, got {action[wrong][0].tolist()}.")
-    return numbers
+def padding_masks(loss: LossModule, batch: TensorDictBase) -> TensorDictBase:
+    """A batch's masks alone, False in padding, where TorchRL looks for them."""
+    there = batch.keys(True)
+    return batch.select(*(key for key in loss._loss_mask_keys() if key in there))
 
 
-def action_log_prob(policy: Distribution, action: Tensor) -> Tensor:
-    """The log-probability ``[*B]`` of actions as the policy draws them."""
-    # Not batch_shape and event_shape: TorchRL's one-hot policies have no latter.
-    expected = policy.mode.shape
-    if action.shape != expected:
-        raise ValueError(
-            f"action must have the shape {list(expected)} of the policy's "
-            f"{type(policy).__name__}, got {list(action.shape)}."
-        )
-    # A sparse mask leaves fewer logits than there are actions.
-    masked = isinstance(policy, MaskedCategorical)
-    if isinstance(policy, Categorical) and not masked:
-        action_numbers(action, policy.logits.shape[-1], policy.logits.shape[:-1])
-    return policy.log_prob(action)
+def valid_decisions(loss: LossModule, batch: TensorDictBase) -> Tensor | None:
+    """Which decisions, ``[*B, T]``, are no padding; ``None`` without a mask."""
+    masks = padding_masks(loss, batch).values(True, True)
+    valid = [mask.reshape(batch.shape) for mask in masks]
+    return torch.stack(valid).all(0) if valid else None
 
 
 class GAEMixin:
@@ -181,7 +142,9 @@ class GAEMixin:
     def _next_values(self, batch: TensorDictBase) -> Tensor:
         """Values ``[*B, 1]`` of the states under ``"next"``."""
         if self.actor_critic is None:
-            return self._judge(batch.get("next"))
+            # TorchRL's recurrent critics would take them for one sequence.
+            with set_recurrent_mode(False):
+                return self._judge(batch.get("next"))
         values: Tensor = self.actor_critic.next_values(batch)
         return values
 
@@ -190,15 +153,17 @@ class GAEMixin:
     ) -> TensorDictBase:
         """Write advantage and value target, ``[*B, T, 1]``.
 
-        To ``normalize`` gives the advantage mean 0 and deviation 1.
+        To ``normalize`` gives the advantage mean 0 and deviation 1 outside of padding.
         """
         loss: Any = self
         advantage, value_target = bootstrapped_advantage(
             loss, batch, state_value, self._next_values
         )
         if normalize:
-            deviation = advantage.std(correction=0).clamp_min(1e-6)
-            advantage = (advantage - advantage.mean()) / deviation
+            valid = valid_decisions(loss, batch)
+            counted = advantage if valid is None else advantage[valid]
+            deviation = counted.std(correction=0).clamp_min(1e-6)
+            advantage = (advantage - counted.mean()) / deviation
         batch.set(loss.tensor_keys.advantage, advantage)
         return batch.set(loss.tensor_keys.value_target, value_target)
 
@@ -211,9 +176,10 @@ def bootstrapped_advantage(
 ) -> tuple[Tensor, Tensor]:
     """Advantages and value targets, ``[*B, T, 1]``, of decisions ``[*B, T]``.
 
-    Where a slice ends, or an episode is truncated, ``next_values`` judges the state
-    that is stored under ``"next"``. After a terminated episode the value is 0. With
-    ``lmbda=1`` the value targets are the n-step returns of A3C.
+    Where a slice ends, its padding begins, or an episode is truncated, ``next_values``
+    judges the state that is stored under ``"next"``. After a terminated episode the
+    value is 0. With ``lmbda=1`` the value targets are the n-step returns of A3C.
+    Padding is what a mask of TorchRL's is False for.
 
     Reference:
         Schulman et al., "High-Dimensional Continuous Control Using Generalized
@@ -224,22 +190,41 @@ def bootstrapped_advantage(
     for name in ("reward", "done", "terminated"):
         key = under_next(getattr(keys, name))
         entries[name] = read_entry(batch, key, name, state_value.shape)
-    is_last = entries["done"].clone()
+    _require_single_decisions(loss, batch)
+    # A shallow copy: the caller's batch is left alone.
+    batch = batch.copy()
+    done, judged = entries["done"], ~entries["terminated"]
+    if (valid := valid_decisions(loss, batch)) is not None:
+        # What is rolled to the slice's end is of no account: nothing follows there.
+        valid = valid.unsqueeze(-1)
+        done, judged = done | ~valid.roll(-1, -2), judged & valid
+        batch.set(under_next(keys.done), done)
+    is_last = done.clone()
     is_last[..., -1, :] = True
     following = torch.zeros_like(state_value)
     following[..., :-1, :] = state_value[..., 1:, :]
     following = following.masked_fill(is_last, 0)
-    judged = (is_last & ~entries["terminated"]).squeeze(-1)
+    judged = (is_last & judged).squeeze(-1)
     if judged.any():
         with torch.no_grad():
             values = next_values(batch.select("next")[judged])
         following[judged] = values.to(following.dtype)
-    # A shallow copy: the caller's batch is left alone.
-    batch = batch.copy()
     batch.set(keys.value, state_value)
     batch.set(under_next(keys.value), following)
     estimated = loss.value_estimator(batch)
     return estimated.get(keys.advantage), estimated.get(keys.value_target)
+
+
+def _require_single_decisions(loss: LossModule, batch: TensorDictBase) -> None:
+    """ValueError if what is under ``"next"`` comes after several decisions."""
+    key = loss.value_estimator.tensor_keys.steps_to_next_obs
+    steps = batch.get(key, None)
+    if steps is not None and (steps != 1).any():
+        raise ValueError(
+            'what is under "next" must come one decision later, got '
+            f"{int(steps.max())} in {key!r}: collect without MultiStep, since TD1 or a "
+            "lmbda makes value targets of many steps."
+        )
 
 
 def read_entry(

@@ -20,7 +20,8 @@ from toponav.keys import (
     WEIGHT,
     select_entries,
 )
-from toponav.objectives.actor_critic_loss import action_numbers, read_entry
+from toponav.objectives.actions import action_numbers
+from toponav.objectives.actor_critic_loss import read_entry
 
 
 class PairLoss(LossModule):

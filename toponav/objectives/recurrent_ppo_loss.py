@@ -11,13 +11,15 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 
 from toponav.keys import ACTION, ACTION_LOG_PROB, HIDDEN, LOGITS, STATE_VALUE
+from toponav.objectives.actions import action_numbers
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
-    action_numbers,
+    padding_masks,
     read_entry,
     require_recurrent,
     require_slices,
+    valid_decisions,
 )
 
 #: The LSTM's output after a decision is its next hidden state: the heads read it.
@@ -28,9 +30,9 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
     """Clipped policy loss over sequences with a state of the LSTM at their start.
 
     The trunk and the LSTM run once; ``ClipPPOLoss`` sees two linear heads on their
-    outputs. Call `estimate_advantage` on a collected batch, before the passes over it.
-    The critic's loss grows with the square of the returns: put `ReturnScale` before it
-    where rewards are not small.
+    outputs, without what TorchRL's masks call padding. Call `estimate_advantage` on a
+    collected batch, before the passes over it. The critic's loss grows with the square
+    of the returns: put `ReturnScale` before it where rewards are not small.
 
     Reference:
         Schulman et al., "Proximal Policy Optimization Algorithms" (2017).
@@ -103,21 +105,25 @@ class RecurrentPPOLoss(GAEMixin, ClipPPOLoss):
         keys = self.tensor_keys
         if tensordict.get(keys.advantage, None) is None:
             tensordict = self.estimate_advantage(tensordict.copy(), normalize=False)
-        decisions = tensordict.empty()
+        valid = valid_decisions(self, tensordict)
+        decisions = padding_masks(self, tensordict)
         for name in ("sample_log_prob", "advantage", "value_target"):
             key = getattr(keys, name)
             decisions.set(key, read_entry(tensordict, key, name))
         action = read_entry(tensordict, keys.action, "action")
         num_actions = self.actor_critic.num_actions
-        decisions.set(keys.action, action_numbers(action, num_actions, decisions.shape))
+        numbers = action_numbers(action, num_actions, decisions.shape, valid=valid)
+        decisions.set(keys.action, numbers)
         output = self.actor_critic.unroll_lstm(tensordict)
         if not output.isfinite().all():
             # TorchRL would sample from such a policy, which is an error of torch.
             rule = "the policy's hidden state must be finite"
             raise FloatingPointError(f"{rule}, got NaN or infinity")
         decisions.set(_OUTPUT, output)
-        # Flat, because its statistics for the log are taken over the first dimension.
-        return super().forward(decisions.reshape(-1))
+        # Flat and, unless there is nothing else, without padding, because its
+        # statistics for the log are taken over the first dimension, whatever a mask is.
+        some = valid is not None and valid.any()
+        return super().forward(decisions[valid] if some else decisions.reshape(-1))
 
 
 class SequenceMinibatches:

@@ -84,6 +84,12 @@ class ReturnScale(TensorDictModuleBase):
                 f"{list(tensordict.shape)}: give one row as batch.unsqueeze(0), and "
                 "rows that lie one after the other as batch.reshape(E, -1)."
             )
+        mask = tensordict.get(("collector", "mask"), None)
+        if mask is not None and not mask.all():
+            raise ValueError(
+                "batches must be without padding, a row an env, got a mask that leaves "
+                f"out {int((~mask).sum())} decisions: scale before split_trajectories."
+            )
         reward_key, done_key = self.in_keys
         reward = read_entry(
             tensordict,

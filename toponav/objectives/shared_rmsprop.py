@@ -42,12 +42,15 @@ class SharedRMSProp(torch.optim.Optimizer):
         if eps <= 0:
             raise ValueError(f"eps must be above 0, got {eps}.")
         super().__init__(params, {"lr": lr, "decay": decay, "eps": eps})
-        for group in self.param_groups:
-            for parameter in group["params"]:
-                self.state[parameter]["mean_square"] = torch.zeros_like(parameter)
+
+    def add_param_group(self, param_group: dict[str, Any]) -> None:
+        """Add a group, as torch has it, with mean squares of its own."""
+        super().add_param_group(param_group)
+        for parameter in self.param_groups[-1]["params"]:
+            self.state[parameter]["mean_square"] = torch.zeros_like(parameter)
 
     def share_memory(self) -> "SharedRMSProp":
-        """Move the mean squares to shared memory; do so before processes start."""
+        """Share the mean squares of all groups so far; do so before processes start."""
         for state in self.state.values():
             state["mean_square"].share_memory_()
         return self

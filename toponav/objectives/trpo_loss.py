@@ -18,16 +18,20 @@ from torchrl.objectives import LossModule, ValueEstimators
 from torchrl.objectives.utils import distance_loss
 
 from toponav import keys
+from toponav.objectives.actions import (
+    action_log_prob,
+    action_numbers,
+    require_one_action,
+)
 from toponav.objectives.actor_critic_loss import (
     GAEMixin,
     RecurrentActorCritic,
-    action_log_prob,
-    action_numbers,
+    padding_masks,
     read_entry,
     require_critic,
-    require_one_action,
     require_recurrent,
     require_slices,
+    valid_decisions,
 )
 
 #: Where a recurrent network's outputs are for its two heads.
@@ -39,9 +43,10 @@ class TRPOLoss(GAEMixin, LossModule):
 
     ``loss_objective`` is ``-A pi(a|s) / pi_b(a|s)``, where ``pi_b`` is the policy that
     acted, ``loss_entropy`` is ``-entropy_coeff`` times the entropy, ``loss_critic`` is
-    ``critic_coeff * (R - V)^2``, all means; ``entropy`` is in nats. ``kl`` is the mean
-    divergence KL(old || new) from the policy whose parameters (such as ``logits``) are
-    in the batch, and has gradients. `prepare` writes those of the policy as it is now.
+    ``critic_coeff * (R - V)^2``, all means, without padding, by TorchRL's masks;
+    ``entropy`` is in nats. ``kl`` is the mean divergence KL(old || new) from the policy
+    whose parameters (such as ``logits``) are in the batch, and has gradients. `prepare`
+    writes those of the policy as it is now.
 
     Their sum is not to be minimised: a `TrustRegion` moves `policy_parameters` by
     `policy_terms`, and an optimiser `critic_parameters` by `critic_loss`. Names and
@@ -168,17 +173,20 @@ class TRPOLoss(GAEMixin, LossModule):
         action = read_entry(batch, named.action, "action")
         if self.actor_critic is not None:
             number = self.actor_critic.num_actions
-            action = action_numbers(action, number, batch.batch_size)
-        log_prob = action_log_prob(policy, action)
-        before = read_entry(batch, named.sample_log_prob, "sample_log_prob")
+            valid = valid_decisions(self, batch)
+            action = action_numbers(action, number, batch.batch_size, valid=valid)
+        log_prob = action_log_prob(policy, action, batch.batch_size)
+        name = "sample_log_prob"
+        before = read_entry(batch, named.sample_log_prob, name, log_prob.shape)
         advantage = read_entry(batch, named.advantage, "advantage").squeeze(-1)
-        entropy = policy.entropy().mean()
+        entropy = self._mean(policy.entropy(), batch)
         old = self.actor_network.build_dist_from_params(batch)
+        objective = -((log_prob - before).exp() * advantage)
         terms = {
-            "loss_objective": -((log_prob - before).exp() * advantage).mean(),
+            "loss_objective": self._mean(objective, batch),
             "loss_entropy": -self.entropy_coeff * entropy,
             "entropy": entropy.detach(),
-            "kl": kl_divergence(old, policy).mean(),
+            "kl": self._mean(kl_divergence(old, policy), batch),
         }
         return TensorDict(terms)
 
@@ -187,13 +195,17 @@ class TRPOLoss(GAEMixin, LossModule):
         """What `critic_loss` reads of a batch from `prepare`, for several passes."""
         target = self.tensor_keys.value_target
         value_target = read_entry(batch, target, "value_target")
-        return self._inputs(batch).set(target, value_target)
+        inputs = self._inputs(batch).update(padding_masks(self, batch))
+        return inputs.set(target, value_target)
 
     def critic_loss(self, inputs: TensorDictBase) -> Tensor:
         """The critic's loss over what `critic_inputs` returns, or a part of it."""
         target = read_entry(inputs, self.tensor_keys.value_target, "value_target")
-        error = distance_loss(target, self._judge(inputs), "l2").mean()
-        return cast(Tensor, self.critic_coeff * error)
+        error = distance_loss(target, self._judge(inputs), "l2")
+        return self.critic_coeff * self._mean(error, inputs)
+
+    def _mean(self, each: Tensor, batch: TensorDictBase) -> Tensor:
+        return cast(Tensor, self._reduce_loss(each, batch, reduction="mean"))
 
     def _inputs(self, batch: TensorDictBase) -> TensorDictBase:
         """What both networks read, in a tensordict of its own."""

@@ -111,21 +111,24 @@ class TrustRegion:
             evaluate: returns the loss and the divergence from the weights as they were
                 when `step` was called, both with gradients.
             curvature: returns the divergence that H is taken of, such as of fewer
-                decisions; that of ``evaluate`` unless given.
+                decisions; that of ``evaluate``, called once more, unless given.
 
         Returns:
             ``loss`` and ``kl`` after the step, ``loss_before``, and ``step``, the share
             of the longest step that was taken: 0 if the weights stayed, as they do
             where the gradient is zero or not finite.
         """
-        loss, kl = evaluate()
+        loss, _ = evaluate()
         gradient = self._gradient(loss)
         before = float(loss.detach())
         stayed = {"loss_before": before, "loss": before, "kl": 0.0, "step": 0.0}
         # NaN is not above anything.
         if not _NO_GRADIENT < float(gradient.norm()) < math.inf:
             return stayed
-        slope = self._gradient(curvature() if curvature else kl, create_graph=True)
+        # cuDNN's LSTM has no second derivative.
+        with torch.backends.cudnn.flags(enabled=False):
+            curved = curvature() if curvature else evaluate()[1]
+        slope = self._gradient(curved, create_graph=True)
 
         def product(vector: Tensor) -> Tensor:
             image = self._gradient(slope @ vector)

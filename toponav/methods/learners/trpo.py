@@ -100,9 +100,7 @@ class TRPOLearner(ActorCriticLearner):
             return terms["loss_objective"] + terms["loss_entropy"], terms["kl"]
 
         def curvature() -> Tensor:
-            # cuDNN's LSTM has no second derivative.
-            with torch.backends.cudnn.flags(enabled=False):
-                kl: Tensor = self.loss.policy_terms(few)["kl"]
+            kl: Tensor = self.loss.policy_terms(few)["kl"]
             return kl
 
         taken = self.region.step(evaluate, curvature)
