@@ -18,6 +18,7 @@ from toponav.interrupts import catch_early
 
 catch_early(__name__)
 
+import sys
 import time
 from pathlib import Path
 
@@ -112,11 +113,14 @@ def main(settings: PretrainConfig, folder: Path) -> None:
                     held_out = collect_held_out(settings, worlds, progress=stop.check)
                 validate = Validation(networks, settings, held_out, autocast=autocast)
 
-                def show_map() -> None:
+                def show_map() -> str | None:
                     progress = f"{trainer.updates:,} of {train.updates:,} updates"
-                    write_walk_map(folder, validate, worlds[0], progress)
+                    return write_walk_map(folder, validate, worlds[0], progress)
 
-                show_map()  # of networks that know nothing yet, to compare with
+                # Of networks that know nothing yet, to compare with.
+                if (shown := show_map()) is not None:
+                    said = f"{' '.join(shown.split())} ({folder / 'walk.png'})"
+                    tqdm.write(said, file=sys.stderr)
                 while trainer.updates < train.updates and not stop.requested:
                     # Collect the decisions that are due before this update.
                     if decisions < decisions_due(settings, trainer.updates):

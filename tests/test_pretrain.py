@@ -126,6 +126,9 @@ def test_a_run_that_was_ended_goes_on_to_the_same_end(
         status = process.wait()
     # The first picture does not wait for an update.
     assert (folder / "walk.png").exists()
+    first = "select, 0 of 20 updates: a random walk of "
+    assert first in said.read_text()
+    assert f" of its map are false ({folder / 'walk.png'})" in said.read_text()
     assert not (folder / "networks.pt").exists()
     assert (folder / "checkpoint.pt").exists()
     if number == signal.SIGTERM:

@@ -40,16 +40,17 @@ def embed(pixels: torch.Tensor) -> torch.Tensor:
     return pixels[:, 0, 0, :2].float()
 
 
-def mined(buffer: TensorDictReplayBuffer, **options: object) -> MinedPairs:
+def mined(
+    buffer: TensorDictReplayBuffer, *, min_length: int = 13, **options: object
+) -> MinedPairs:
     settings = {
         "tc_pairs": TCPairs(3, 4),
         "l_pairs": LPairs(3),
         "embed_tc": embed,
         "generator": torch.Generator().manual_seed(0),
     }
-    return MinedPairs(
-        buffer.storage, Chunks(4, 5, min_length=13), 80, **(settings | options)
-    )
+    chunks = Chunks(4, 5, min_length=min_length)
+    return MinedPairs(buffer.storage, chunks, 80, **(settings | options))
 
 
 def drawn(buffer: TensorDictReplayBuffer, **options: object) -> DrawnPairs:
@@ -111,7 +112,8 @@ def test_the_number_of_mined_pairs_does_not_hang_on_k(k: int) -> None:
     buffer = make_buffer()
     buffer.extend(frames(range(10)))
     # At k = 1 the chunks hold 4 * 4 * 4 = 64 close pairs.
-    tc_pairs, l_pairs = mined(buffer, tc_pairs=TCPairs(k, 5), max_pairs=100)()
+    options = {"tc_pairs": TCPairs(k, 5), "max_pairs": 100}
+    tc_pairs, l_pairs = mined(buffer, min_length=5 * k + 1, **options)()
     assert tc_pairs[LABEL].sum() == 50
     assert len(tc_pairs) == 100
     assert len(l_pairs) <= 100
@@ -156,8 +158,8 @@ def test_a_buffer_that_is_too_short_says_so() -> None:
     wide = {"tc_pairs": TCPairs(20, 5)}
     pairs = MinedPairs(
         buffer.storage,
-        Chunks(4, 5, min_length=101),
-        40,
+        Chunks(4, 21, min_length=101),
+        84,
         **wide,
         l_pairs=LPairs(3),
         embed_tc=embed,
@@ -171,6 +173,22 @@ def test_a_buffer_that_is_too_short_says_so() -> None:
         pairs()
     with pytest.raises(ValueError, match="max_pairs must be at least 2, got 1"):
         mined(buffer, max_pairs=1)
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ({"tc_pairs": TCPairs(5, 2)}, "chunk_len must be more than .*, 5, got 5"),
+        ({"l_pairs": LPairs(8)}, "chunk_len must be more than .*, 8, got 5"),
+        ({"tc_pairs": TCPairs(4, 5)}, r"min_length .* M \* k of tc_pairs, 20, got 13"),
+    ],
+)
+def test_chunks_that_do_not_fit_the_rules_are_refused(rules, message) -> None:
+    buffer = make_buffer()
+    with pytest.raises(ValueError, match=message):
+        mined(buffer, **rules)
+    # All negatives are of two episodes: none need be long.
+    assert mined(buffer, tc_pairs=TCPairs(4, 5, other_episode_share=1.0))
 
 
 @pytest.mark.parametrize("make", [mined, drawn])

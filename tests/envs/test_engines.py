@@ -18,7 +18,7 @@ from torchrl.envs import StepCounter, TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from tests.envs import fake_engine
-from tests.envs.layouts import GATE, HALL, LANE
+from tests.envs.layouts import GATE, HALL, LANE, RING
 from toponav import keys
 from toponav.envs import ENGINES, EngineError, MazeEnv, MazeGymEnv, end_stray_engines
 from toponav.envs.engines import load_engine
@@ -255,6 +255,60 @@ def test_a_lost_engine_is_replaced_at_the_next_reset() -> None:
     assert not env.step(env.rand_action(data))["next", "truncated"].any()
     env.close()
     assert all(game.is_ended for game in fake_engine.GAMES)
+
+
+def test_a_lost_engine_does_not_report_its_last_goal_again() -> None:
+    env = MazeEnv(LANE, engine="fake", goal=True, privileged=True)
+    data = env.reset()
+    (game,) = fake_engine.GAMES
+    game.respawned, game.is_dead = True, True  # as after a decision onto the goal
+    with pytest.warns(RuntimeWarning, match="maze 0 of the batch lost its engine"):
+        data = env.step(env.rand_action(data))["next"]
+    env.close()
+    assert data["truncated"].all()
+    assert not data[keys.RESPAWNED].any()
+
+
+@pytest.mark.timeout(60)
+def test_closed_mazes_refuse_to_play() -> None:
+    env = MazeEnv(LANE, engine="fake", batch_size=2)
+    action = env.rand_action(env.reset())
+    episodes = env.games.running_episodes()
+    env.close()
+    gym_env = MazeGymEnv(LANE, engine="fake")
+    gym_env.reset(seed=0)
+    gym_env.close()
+    plays = [
+        *(env.reset, lambda: env.rollout(2), lambda: env.step(action)),
+        lambda: env.games.resume_episodes(episodes),
+        *(gym_env.reset, lambda: gym_env.step(np.int64(0))),
+    ]
+    for play in plays:
+        with pytest.raises(EngineError, match="must be open, and they were closed"):
+            play()
+
+
+@pytest.mark.parametrize("engine", ["fake", "vizdoom"], indirect=True)
+def test_a_slot_moves_in_all_rows_or_in_none(engine: str) -> None:
+    env = MazeEnv(RING, engine=engine, batch_size=2, privileged=True, seed=0)
+    turn = torch.full((2,), 2)
+    try:
+        data = env.reset()
+        env.set_slot("a", closed=True, rows=[1])
+        with pytest.raises(ValueError, match="ring in one piece, got a, b together"):
+            env.set_slot("b", closed=True)
+        data = env.step(data.set("action", turn))["next"]
+        assert data[keys.BLOCKED].tolist() == [[False, False], [True, False]]
+        with pytest.raises(ValueError, match="ring in one piece, got a, b together"):
+            env.set_slot("b", closed=True)
+        env.set_slot("a", closed=False)
+        env.set_slot("b", closed=True)
+        data = env.step(data.set("action", turn))["next"]
+        assert data[keys.BLOCKED].tolist() == [[False, True]] * 2
+        env.reset()  # opens all
+        env.set_slot("a", closed=True)
+    finally:
+        env.close()
 
 
 def test_a_gymnasium_maze_runs_on_any_engine() -> None:

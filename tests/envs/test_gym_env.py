@@ -1,6 +1,7 @@
 """The Gymnasium face of the mazes."""
 
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -8,7 +9,15 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import toponav.envs
-from toponav.envs import MAZES, EngineLostError, MazeEnv, MazeGymEnv, load_maze
+from tests.envs.layouts import LANE
+from toponav.envs import (
+    ENGINES,
+    MAZES,
+    EngineLostError,
+    MazeEnv,
+    MazeGymEnv,
+    load_maze,
+)
 
 IDS = [f"toponav/{name.capitalize()}-v0" for name in MAZES]
 
@@ -71,15 +80,31 @@ def test_a_reset_with_a_seed_begins_the_stream_again() -> None:
         env.close()
 
 
-def test_a_layout_file_is_a_maze(tmp_path) -> None:
-    path = tmp_path / "lane.txt"
-    path.write_text("*****\n*   *\n*****\n")
-    env = MazeGymEnv(str(path))
+@pytest.mark.parametrize("kind", [str, Path])
+@pytest.mark.parametrize("name", ["lane.txt", "lane.maze", "lane", "./lane"])
+def test_a_layout_file_is_a_maze(
+    name: str, kind: type[str | Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(LANE.text)
+    env = MazeGymEnv(kind(name), engine="fake")
     try:
-        assert env.layout.name == "lane"
+        assert env.layout == LANE
         assert env.reset(seed=0)[1]["cell"][0] == 1
     finally:
         env.close()
+
+
+def test_a_file_does_not_hide_a_maze_of_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
+    monkeypatch.chdir(tmp_path)
+    Path("maze1").write_text(LANE.text)
+    env = MazeGymEnv("maze1", engine="fake")
+    env.close()
+    assert env.layout == load_maze("maze1")
 
 
 def test_render_gives_the_view_only_if_asked() -> None:
@@ -99,6 +124,10 @@ def test_render_gives_the_view_only_if_asked() -> None:
     ("arguments", "message"),
     [
         ({"maze": "maze9"}, "maze must be one of .*got 'maze9'.*did you mean 'maze"),
+        (
+            {"maze": "mazes/lane"},
+            "layout 'mazes/lane': the file must exist, and no such",
+        ),
         ({"render_mode": "human"}, "render_mode must be 'rgb_array' or None"),
         (
             {"blocked": ("q",)},

@@ -37,6 +37,24 @@ class Line(gymnasium.Env[Any, Any]):
         return {"near": near, "far": 255 - near}
 
 
+class Named(Line):
+    """A walker that says what its actions mean."""
+
+    def get_action_meanings(self) -> list[str]:
+        return ["stay", "east", "west"]
+
+
+class Moving(gymnasium.ActionWrapper[Any, Any, Any]):
+    """Leaves out the action that stays."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self.action_space = spaces.Discrete(2)
+
+    def action(self, action):
+        return action + 1
+
+
 class Darker(gymnasium.ObservationWrapper[Any, Any, Any]):
     """Halves what is near."""
 
@@ -50,8 +68,9 @@ DARKER = f"{__name__}.Darker"
 @pytest.fixture(scope="module", autouse=True)
 def registered():
     gymnasium.register("Line-v0", Line)
+    gymnasium.register("Named-v0", Named)
     yield
-    del gymnasium.registry["Line-v0"]
+    del gymnasium.registry["Line-v0"], gymnasium.registry["Named-v0"]
 
 
 def make(id: str = "Line-v0", *, batch_size: int = 2, privileged=False, **choices):
@@ -88,6 +107,19 @@ def test_only_the_chosen_actions_are_left() -> None:
     assert start["pixels"][:, 0, 0, 0].tolist() == [81, 81]
     step = env.step(start.set("action", torch.tensor([0, 1])))
     assert step["next", "pixels"][:, 0, 0, 0].tolist() == [71, 91]
+
+
+def test_actions_have_the_names_that_the_environment_gives_them() -> None:
+    assert make("Named-v0").world.actions == ("stay", "east", "west")
+    assert make("Named-v0", actions=[2, 1]).world.actions == ("west", "east")
+
+
+def test_there_are_as_many_actions_as_wrappers_leave() -> None:
+    env = make("Named-v0", reset_seed=3, wrappers=[Moving])
+    assert env.world.num_actions == env.action_spec.n == 2
+    start = env.reset()
+    step = env.step(start.set("action", torch.tensor([0, 1])))
+    assert step["next", "pixels"][:, 0, 0, 0].tolist() == [82, 80]
 
 
 def test_the_position_is_privileged_and_there_if_asked_for() -> None:

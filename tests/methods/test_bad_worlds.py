@@ -43,6 +43,16 @@ def test_an_environment_that_cannot_be_explored(id: str, sentence: str) -> None:
     assert "\n" not in said
 
 
+@pytest.mark.parametrize("option", ["mode:*", "size:[3", "- size:3"])
+def test_an_option_that_cannot_be_read(option: str) -> None:
+    words = "world=gym", "world.id=CartPole-v1", f"world.options=['{option}']"
+    with pytest.raises(SettingsError) as refusal:
+        make_world(explore_settings(*words))
+    said = sentence_of(refusal.value, "explore")
+    rule = "world.options must hold entries such as max_steps:500"
+    assert said == f"{rule}, got '{option}'"
+
+
 def test_an_unknown_world() -> None:
     with pytest.raises(HydraException) as refusal:
         explore_settings("world=gim")

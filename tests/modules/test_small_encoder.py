@@ -2,6 +2,7 @@ import copy
 
 import pytest
 import torch
+from tensordict import TensorDict
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 from torch.utils.flop_counter import FlopCounterMode
@@ -147,6 +148,20 @@ def exchange_weight(encoder: SmallEncoder) -> None:
     assert layer.weight._version == version
 
 
+def double_by_data(encoder: SmallEncoder) -> None:
+    encoder.convolutions[3].weight.data.mul_(2)
+
+
+def shift_by_data(encoder: SmallEncoder) -> None:
+    encoder.convolutions[1].running_mean.data.add_(1)
+
+
+def receive_weights(encoder: SmallEncoder) -> None:
+    """As TorchRL's collectors do."""
+    sent = TensorDict.from_module(make_encoder()).data
+    TensorDict.from_module(encoder).data.update_(sent)
+
+
 def train_statistics(encoder: SmallEncoder) -> None:
     with torch.no_grad():
         encoder.train()(pixels(8))
@@ -154,7 +169,16 @@ def train_statistics(encoder: SmallEncoder) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [change_weight, load_others, exchange_weight, train_statistics]
+    "change",
+    [
+        change_weight,
+        load_others,
+        exchange_weight,
+        train_statistics,
+        double_by_data,
+        shift_by_data,
+        receive_weights,
+    ],
 )
 def test_a_fold_is_never_stale(change) -> None:
     encoder, views = make_encoder().eval(), pixels(2)
@@ -183,6 +207,16 @@ def test_weights_that_another_process_changes_are_not_stale() -> None:
         after = encoder(views)
     expected = embed_plainly(encoder, views)
     torch.testing.assert_close(after, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_memory_that_is_used_again_is_not_taken_for_what_was_there() -> None:
+    cache, layer, made = FoldCache(), nn.Linear(64, 64, bias=False), []
+    for _ in range(10):
+        # The second one finds the memory that the one before has left.
+        for _ in range(2):
+            layer.weight = nn.Parameter(torch.rand(64, 64))
+        cache.get(lambda: made.append(1) or [], layer)
+    assert len(made) == 10
 
 
 @pytest.mark.parametrize(("is_cpu", "times"), [(True, 2), (False, 1)])

@@ -1,3 +1,5 @@
+import pickle
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -25,6 +27,14 @@ def test_same_seed_same_actions(make):
     first = actions(make(6, seed=3), times=20)
     assert torch.equal(first, actions(make(6, seed=3), times=20))
     assert (first != actions(make(6, seed=4), times=20)).any()
+
+
+@pytest.mark.parametrize("make", [RandomPolicy, StickyPolicy])
+def test_copies_act_alike_and_the_docstring_says_so(make):
+    policy = make(6)
+    copied = pickle.loads(pickle.dumps(policy))
+    assert torch.equal(actions(copied, times=5), actions(policy, times=5))
+    assert "several workers need different seeds" in " ".join(make.__doc__.split())
 
 
 def test_sticky_policy_repeats_as_often_as_it_should():

@@ -1,5 +1,6 @@
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.envs import TransformedEnv
 
 from tests.checks import check_transform
@@ -44,6 +45,15 @@ def test_the_pictures_are_those_of_the_goals_cell_in_all_decisions():
     assert (views[:, :, 1] == number + 100).all()
     assert views.shape == (5, 12, 2, 2, 3, 3)
     assert views.dtype is torch.uint8
+
+
+def test_a_goal_that_moves_is_followed():
+    show, nothing = make_transform(), TensorDict(batch_size=[2])
+    now = show._reset(nothing, TensorDict({GOAL_CELL: CELLS[[0, 1]]}, [2]))
+    for number in (1, 2, 2, 0):
+        then = TensorDict({GOAL_CELL: CELLS[[0, number]]}, [2])
+        now = show._step(now, then)
+        assert now[GOAL_VIEWS][:, 0, 0, 0, 0].tolist() == [0, number]
 
 
 def test_a_goal_without_pictures_is_refused():

@@ -289,6 +289,13 @@ def test_views_of_integers_are_refused():
         NoisyTV(["view"]).transform_observation_spec(numbers)
 
 
+def test_views_of_floats_beyond_1_are_refused():
+    data = TensorDict({PIXELS: 255 * torch.rand(2, 8, 8, 3)}, [2])
+    rule = r"'pixels' must be uint8 or floating point in \[0, 1\], got 25"
+    with pytest.raises(ValueError, match=rule):
+        reset(NoisyTV(seed=0), data)
+
+
 def test_wrong_law_is_refused():
     tv = NoisyTV(law=lambda shape, generator: torch.zeros(shape))
     with pytest.raises(ValueError, match=r"law must return uint8 .* got torch.float32"):

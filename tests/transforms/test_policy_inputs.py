@@ -6,7 +6,7 @@ import torch
 from PIL import Image
 from tensordict import TensorDict
 from torchrl.data import OneHot
-from torchrl.envs import Compose, TransformedEnv
+from torchrl.envs import Compose, Transform, TransformedEnv
 from torchrl.testing.mocking_classes import DiscreteActionVecMockEnv
 
 from tests.checks import check_transform
@@ -89,6 +89,27 @@ def test_the_previous_action_is_the_one_before():
     for decision in (1, 2, 3, 5, 6, 7):
         assert (before[:, decision] == data["action"][:, decision - 1]).all()
     assert before.dtype is torch.int64
+
+
+class Mirrored(Transform):
+    """Gives the env the opposite of each action, 5 - a."""
+
+    def __init__(self):
+        super().__init__(in_keys_inv=["action"], out_keys_inv=["action"])
+
+    def _inv_apply_transform(self, action):
+        return 5 - action
+
+
+@pytest.mark.parametrize("key", ["act", ("mine", "act")])
+def test_it_is_the_action_as_those_behind_it_see_it(key):
+    first, last = PreviousAction(6), PreviousAction(6, out_keys=[key])
+    env = TransformedEnv(make_maze([3]), Compose(first, Mirrored(), last))
+    data = rollout(env, 4)
+    taken = data["action"][:, :-1]
+    assert torch.equal(data[key][:, 1:].squeeze(-1), taken)
+    assert torch.equal(data[keys.PREVIOUS_ACTION][:, 1:].squeeze(-1), 5 - taken)
+    assert set(data.keys()) == {*env.reset().keys(), "action", "next"}
 
 
 def test_one_hot_actions_become_numbers():

@@ -1,4 +1,6 @@
-"""What remembers an episode refuses a step that follows no reset of the same envs."""
+"""What remembers an episode steps after its reset alone, and in one env alone."""
+
+from copy import deepcopy
 
 import pytest
 import torch
@@ -12,6 +14,7 @@ from toponav.transforms import (
     NoisyTV,
     PlacesVisited,
     PreviousReward,
+    RandomReward,
     WaypointMemory,
     WaypointTruth,
 )
@@ -60,6 +63,32 @@ def test_a_step_of_other_envs_is_refused(name: str, before: int) -> None:
         part._step(TensorDict(batch_size=[2]), views_of(2))
     part._reset(TensorDict(batch_size=[2]), views_of(2))
     part._step(TensorDict(batch_size=[2]), views_of(2))
+
+
+def elsewhere(envs: int) -> TensorDict:
+    """A white view of another cell."""
+    data = views_of(envs)
+    for key, change in {
+        keys.PIXELS: 255,
+        keys.POSITION: torch.tensor([300.0, 0.0]),
+        keys.CELL: torch.tensor([0, 2]),
+    }.items():
+        data[key] = data[key] + change
+    return data
+
+
+@pytest.mark.parametrize("name", [*PARTS, "RandomReward"])
+def test_a_clone_has_an_episode_of_its_own(name: str) -> None:
+    part = RandomReward(0) if name == "RandomReward" else PARTS[name]()
+    nothing = TensorDict(batch_size=[2])
+    part._reset(nothing, views_of(2))
+    part._step(nothing, views_of(2))
+    before, copied = deepcopy(part.state_dict()), part.clone()
+    torch.testing.assert_close(copied.state_dict(), before, rtol=0, atol=0)
+    copied._reset(nothing, elsewhere(2))
+    for _ in range(2):
+        copied._step(nothing, elsewhere(2))
+    torch.testing.assert_close(part.state_dict(), before, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("name", ["Coverage", "WaypointTruth", "PlacesVisited"])

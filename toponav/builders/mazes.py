@@ -47,6 +47,7 @@ def make_env(
     config: MazeConfig,
     *,
     engine: str,
+    layout: Layout | None = None,
     batch_size: int | None = None,
     seed: int = 0,
     privileged: bool = False,
@@ -56,10 +57,11 @@ def make_env(
 ) -> MazeEnv:
     """A batch of mazes on an engine; the other arguments are those of `MazeEnv`.
 
-    Raises `SettingsError` if the settings do not fit the maze, and `EngineError` if the
-    engine is not installed or cannot load it.
+    ``layout`` is the maze where it was made or read before. Raises `SettingsError` if
+    the settings do not fit the maze, and `EngineError` if the engine is not installed
+    or cannot load it.
     """
-    layout = make_layout(config)
+    layout = make_layout(config) if layout is None else layout
     engine_world(engine)  # refuses one that is unknown or not installed
     return MazeEnv(
         layout,

@@ -167,7 +167,7 @@ class MinedPairs:
 
     A call returns pairs *of embeddings* for the TC-network and for the L-network, with
     gradients to the encoders. Of the close and of the distant pairs at most half of
-    ``max_pairs`` each are kept, drawn at random.
+    ``max_pairs`` each are kept, drawn at random. ``chunks`` must fit both rules.
     """
 
     #: Of frames with views, actions, trajectory and step numbers; or such frames
@@ -189,14 +189,29 @@ class MinedPairs:
         if self.max_pairs < 2:
             raise ValueError(f"max_pairs must be at least 2, got {self.max_pairs}")
         require_callables(embed_tc=self.embed_tc, embed_l=self.embed_l)
+        wanted = "mine", "max_action_distance", "min_distance"
         for name in ("tc_pairs", "l_pairs"):
-            require_parts(getattr(self, name), name, "TCPairs or LPairs", "mine")
+            require_parts(getattr(self, name), name, "TCPairs or LPairs", *wanted)
+        if isinstance(self.chunks, Chunks):
+            self._check_chunks(self.chunks)
         self.buffer = TensorDictReplayBuffer(
             storage=_as_storage(self.storage),
             sampler=EpisodeSampler(self.chunks),
             batch_size=self.num_frames,
             generator=self.generator,
         )
+
+    def _check_chunks(self, chunks: Chunks) -> None:
+        """ValueError for chunks that have pairs of the two rules by chance alone."""
+        rules = self.tc_pairs, self.l_pairs
+        longest = max(rule.max_action_distance for rule in rules)
+        if chunks.chunk_len <= longest:
+            rule = f"chunk_len must be more than each max_action_distance, {longest}"
+            raise ValueError(f"{rule}, got {chunks.chunk_len}")
+        apart = self.tc_pairs.min_distance
+        if chunks.min_length <= apart and self.tc_pairs.other_episode_share < 1:
+            rule = f"min_length must be more than M * k of tc_pairs, {apart}"
+            raise ValueError(f"{rule}, got {chunks.min_length}")
 
     def __call__(self) -> tuple[TensorDictBase, TensorDictBase]:
         frames = self.buffer.sample().flatten().to(self.device)

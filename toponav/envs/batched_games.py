@@ -49,7 +49,7 @@ class BatchedGames:
             raise ValueError(f"episode_length must be at least 1, got {episode_length}")
         self.engine = engine
         self.size = size
-        self._process = os.getpid()
+        self._process, self._is_closed = os.getpid(), False
         self._layout = layout
         cell_size = engine.motion.cell_size
         self._draw_scene = partial(draw_scene, layout, rules, cell_size=cell_size)
@@ -57,6 +57,8 @@ class BatchedGames:
         self._threads = LockstepThreadPool(min(size, _MOST_THREADS))
         self._games: list[Game] = []
         self._scenes: dict[int, Scene] = {}
+        # Letters of the slots of each row that are closed, or about to be.
+        self._closing: list[set[str]] = [set() for _ in range(size)]
         self._lost = np.zeros(size, dtype=bool)
         self._actions: list[list[int]] = [[] for _ in range(size)]
         # Poses after the last decision and before it.
@@ -83,7 +85,7 @@ class BatchedGames:
 
     def reset(self, rows: Sequence[int]) -> Snapshot:
         """Begin a new episode in some rows; the others stay as they are."""
-        self._check_process()
+        self._check_playable()
         self._pixels = self._pixels.copy()
         self._threads.run(self._reset_row, rows)
         return self._snapshot(np.zeros(self.size, dtype=np.float32))
@@ -95,7 +97,7 @@ class BatchedGames:
 
         A ``ValueError`` if there is no such action; no row has then stepped.
         """
-        self._check_process()
+        self._check_playable()
         rows = range(self.size) if rows is None else rows
         num_actions = self.engine.world.num_actions
         for row in rows:
@@ -118,6 +120,7 @@ class BatchedGames:
 
     def resume_episodes(self, state: Mapping[str, Any]) -> None:
         """Play episodes again up to where `running_episodes` was called."""
+        self._check_playable()
         self.seed(state["seed"])
 
         def play(row: int) -> None:
@@ -156,23 +159,37 @@ class BatchedGames:
         size = self.engine.motion.cell_size
         cells = [self._layout.cell_of(x, y, size) for x, y, _ in self._poses]
         goals = [scene.goal_cell or (-1, -1) for scene in self.scenes]
+        # A game that has lost its engine still shows the decision before.
+        respawned = np.array([[game.respawned] for game in self._games])
         return {
             "position": self._poses[:, :2].copy(),
             "heading": self._poses[:, 2:].copy(),
             "cell": np.array(cells, dtype=np.int64),
             "goal_cell": np.array(goals, dtype=np.int64),
             "blocked": self.closed(),
-            "respawned": np.array([[game.respawned] for game in self._games]),
+            "respawned": respawned & ~self._lost[:, None],
         }
 
     def set_slot(
         self, letter: str, *, closed: bool, rows: Iterable[int] | None = None
     ) -> None:
-        """Close or open a slot in some rows (all by default)."""
-        for row in range(self.size) if rows is None else rows:
+        """Close or open a slot in some rows (all by default).
+
+        A ``ValueError`` if it is unknown or cuts one of the mazes in two; nothing has
+        then moved in any of them.
+        """
+        rows = range(self.size) if rows is None else list(rows)
+        for row in rows:
+            others = self._closing[row] if closed else ()
+            self._layout.check_slots({*others, letter})
+        for row in rows:
             # The next step warns of a lost engine, and a reset replaces it.
             with suppress(EngineLostError):
                 self._games[row].set_slot(letter, closed=closed)
+            if closed:
+                self._closing[row].add(letter)
+            else:
+                self._closing[row].discard(letter)
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
@@ -185,12 +202,15 @@ class BatchedGames:
         return tuple(game.pid for game in self._games)
 
     def close(self) -> None:
-        """End all engines."""
+        """End all engines; they play no more."""
+        self._is_closed = True
         self._threads.close()
         for game in self._games:
             game.close()
 
-    def _check_process(self) -> None:
+    def _check_playable(self) -> None:
+        if self._is_closed:
+            raise EngineError("the mazes must be open, and they were closed")
         # A fork has no copies of the pool's threads and would never return.
         if os.getpid() != self._process:
             raise EngineError(
@@ -213,6 +233,7 @@ class BatchedGames:
                     game.restart()
                 # Drawn again on a second try, so that the episode is the same.
                 self._scenes[row] = self._draw_scene(np.random.default_rng(seed))
+                self._closing[row] = set(self._scenes[row].blocked)
                 game.reset(self._scenes[row])
                 break
             except EngineLostError as error:

@@ -1,5 +1,6 @@
 """The mazes as Gymnasium environments, ``toponav/Maze1-v0`` and so on."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -37,7 +38,7 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
 
     def __init__(
         self,
-        maze: str | Layout = "maze1",
+        maze: str | Path | Layout = "maze1",
         *,
         render_mode: str | None = None,
         **options: Any,
@@ -46,11 +47,8 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
             raise ValueError(
                 f"render_mode must be 'rgb_array' or None, got {render_mode!r}"
             )
-        if isinstance(maze, str):
-            load = load_layout_file if maze.endswith(".txt") else load_maze
-            maze = load(maze)
-        self.layout = maze
-        self._env = MazeEnv(maze, batch_size=1, **options)
+        self.layout = maze if isinstance(maze, Layout) else _load(maze)
+        self._env = MazeEnv(self.layout, batch_size=1, **options)
         self._games, self.world = self._env.games, self._env.world
         self.render_mode = render_mode
         view = (*self.world.view_size, 3)
@@ -86,6 +84,14 @@ class MazeGymEnv(gymnasium.Env[Observation, np.int64]):
         cells = {key: tuple(truth[key].tolist()) for key in ("cell", "goal_cell")}
         numbers = {key: truth[key].item() for key in ("heading", "respawned")}
         return {**truth, **cells, **numbers}
+
+
+def _load(maze: str | Path) -> Layout:
+    """A maze of the package by its name, or one of a file."""
+    path = Path(maze)
+    # A word alone is the name of a maze, unless there is a file of that name.
+    is_word = path.name == maze and not path.suffix and not path.is_file()
+    return load_maze(str(maze)) if maze in MAZES or is_word else load_layout_file(path)
 
 
 def register_mazes() -> None:

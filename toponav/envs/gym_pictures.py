@@ -178,10 +178,10 @@ def _choose_actions(
     space = env.action_space
     if not isinstance(space, spaces.Discrete):
         raise ValueError(f"the actions of '{id}' must be discrete, got {space}")
-    meanings = getattr(env.unwrapped, "get_action_meanings", None)
     names = [f"action {number}" for number in range(int(space.n))]
-    if meanings is not None:
-        names = list(meanings())
+    meanings = list(getattr(env.unwrapped, "get_action_meanings", list)())
+    if len(meanings) == len(names):  # a wrapper may have left some of them out
+        names = meanings
     used = list(chosen) or list(range(len(names)))
     if min(used) < 0 or max(used) >= len(names) or len(set(used)) < max(len(used), 2):
         rule = f"actions must be two or more different ones of 0 to {len(names) - 1}"

@@ -29,17 +29,26 @@ class LockstepThreadPool:
 
     def __init__(self, size: int) -> None:
         self._rounds: SimpleQueue[_Round | None] = SimpleQueue()
+        # Each thread holds its own while it works.
+        self._at_work = [threading.Lock() for _ in range(size)]
+        # Items of the round that runs, or that was interrupted.
+        self._left: Iterator[int] | None = None
         self._threads = [
-            threading.Thread(target=_work, args=(self._rounds,), daemon=True)
-            for _ in range(size)
+            threading.Thread(target=_work, args=(self._rounds, lock), daemon=True)
+            for lock in self._at_work
         ]
         for thread in self._threads:
             thread.start()
 
     def run(self, job: Callable[[int], None], items: Iterable[int]) -> None:
-        """Do a job on every item; the first failure is raised after the round."""
+        """Do a job on every item; the first failure is raised after the round.
+
+        After an interrupted round it first waits until nobody is at that one any more.
+        """
+        if self._left is not None:
+            self._wait_for_interrupted(self._left)
         # A list's iterator hands each item out once, whoever asks.
-        left = iter(list(items))
+        left = self._left = iter(list(items))
         # A new one each round: an interrupted round leaves entries behind.
         done: _Done = SimpleQueue()
         try:
@@ -53,8 +62,16 @@ class LockstepThreadPool:
                 for _ in self._threads:
                     done.get(timeout=_PATIENCE)
             raise
+        self._left = None
         for failure in filter(None, failures):
             raise failure
+
+    def _wait_for_interrupted(self, left: Iterator[int]) -> None:
+        for _ in left:  # those that a second Ctrl-C has kept from being dropped
+            pass
+        for lock in self._at_work:
+            with lock:
+                pass
 
     def close(self) -> None:
         """End the threads."""
@@ -64,12 +81,13 @@ class LockstepThreadPool:
             thread.join()
 
 
-def _work(rounds: "SimpleQueue[_Round | None]") -> None:
+def _work(rounds: "SimpleQueue[_Round | None]", at_work: threading.Lock) -> None:
     while (work := rounds.get()) is not None:
         job, left, done = work
-        try:
-            for item in left:
-                job(item)
-            done.put(None)
-        except BaseException as error:
-            done.put(error)
+        with at_work:
+            try:
+                for item in left:
+                    job(item)
+                done.put(None)
+            except BaseException as error:
+                done.put(error)

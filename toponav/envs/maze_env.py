@@ -185,7 +185,7 @@ class MazeEnv(EnvBase):
         """Close or open a slot of some rows (all by default) in mid-episode.
 
         At once, or when the agent is clear of it; a ``ValueError`` if it is unknown or
-        would cut a maze in two.
+        would cut a maze in two, and none has then moved.
         """
         self.games.set_slot(letter, closed=closed, rows=rows)
 

@@ -11,13 +11,20 @@ from torch.nn import functional as F  # noqa: N812
 from toponav.modules.folding import FoldCache, FoldedConvolution
 from toponav.views import ChannelOrder, channels_last, check_order
 
+#: How far interpolation may carry pixels beyond [0, 1].
+_OVERSHOOT = 0.25
+
 
 def check_pixels(
-    pixels: Tensor, *image_sizes: tuple[int, int], channels: ChannelOrder = "HWC"
+    pixels: Tensor,
+    *image_sizes: tuple[int, int],
+    channels: ChannelOrder = "HWC",
+    unit: bool = False,
 ) -> Tensor:
     """The pixels as ``[*B, H, W, 3]``, of such a size, uint8 or float; or ValueError.
 
-    They are given so, or, with ``channels="CHW"``, as ``[*B, 3, H, W]``.
+    They are given so, or, with ``channels="CHW"``, as ``[*B, 3, H, W]``. Floats must be
+    finite, and in [0, 1] for who reads them so, with ``unit``.
     """
     shapes = [(*size, 3) if channels == "HWC" else (3, *size) for size in image_sizes]
     if tuple(pixels.shape[-3:]) not in shapes:
@@ -25,15 +32,24 @@ def check_pixels(
         order = f"(RGB, channels={channels!r})"
         got = list(pixels.shape)
         raise ValueError(f"pixels must end in the shape {expected} {order}, got {got}.")
-    pixels = channels_last(pixels, channels)
-    # Environments yield uint8: no search for NaN where speed counts.
-    if pixels.dtype == torch.uint8:
-        return pixels
+    # Environments yield uint8: no number is looked at where speed counts.
+    if pixels.dtype != torch.uint8:
+        _check_floats(pixels, unit=unit)
+    return channels_last(pixels, channels)
+
+
+def _check_floats(pixels: Tensor, *, unit: bool) -> None:
     if not pixels.is_floating_point():
         raise ValueError(f"pixels must be uint8 or float in 0..1, got {pixels.dtype}.")
-    if not torch.compiler.is_compiling() and not bool(pixels.isfinite().all()):
-        raise ValueError("pixels must be finite, got NaN or infinity.")
-    return pixels
+    if torch.compiler.is_compiling() or not pixels.numel():
+        return
+    limit = torch.finfo(pixels.dtype).max
+    least, most = (-_OVERSHOOT, 1 + _OVERSHOOT) if unit else (-limit, limit)
+    low, high = pixels.detach().aminmax()
+    # A comparison with NaN is false.
+    if not bool((low >= least) & (high <= most)):
+        rule = "uint8 or float in 0..1" if unit else "finite"
+        raise ValueError(f"pixels must be {rule}, got {low:.3g} to {high:.3g}.")
 
 
 def compute_dtype(weight: Tensor) -> torch.dtype:
@@ -127,7 +143,7 @@ class SmallEncoder(nn.Module):
 
     def forward(self, pixels: Tensor) -> Tensor:
         sizes = self.image_size, self.halved_size
-        pixels = check_pixels(pixels, *sizes, channels=self.channels)
+        pixels = check_pixels(pixels, *sizes, channels=self.channels, unit=True)
         dtype = compute_dtype(self.project.weight)
         flat = pixels.reshape(-1, *pixels.shape[-3:])
         if tuple(flat.shape[1:3]) == self.image_size:
@@ -230,7 +246,8 @@ class ResNet18(nn.Module):
                 use_channels_last(layer)
 
     def forward(self, pixels: Tensor) -> Tensor:
-        pixels = check_pixels(pixels, self.image_size, channels=self.channels)
+        size, order = self.image_size, self.channels
+        pixels = check_pixels(pixels, size, channels=order, unit=True)
         dtype = compute_dtype(self.stem.weight)
         planes = pixels_to_planes(pixels.reshape(-1, *pixels.shape[-3:]), dtype)
         if self.training or torch.is_grad_enabled():

@@ -46,7 +46,8 @@ class PixelTrunk(nn.Module):
         use_channels_last(self.conv2)
 
     def forward(self, pixels: Tensor) -> Tensor:
-        pixels = check_pixels(pixels, self.image_size, channels=self.channels)
+        size, order = self.image_size, self.channels
+        pixels = check_pixels(pixels, size, channels=order, unit=True)
         dtype = compute_dtype(self.conv1.weight)
         weight = self.conv1.weight
         if pixels.dtype == torch.uint8:

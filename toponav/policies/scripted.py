@@ -50,7 +50,8 @@ class RandomPolicy(TensorDictModuleBase):
     """Draws each action uniformly, as a number or one-hot.
 
     It sees no env, so that nothing refuses numbers in one whose actions are one-hot, as
-    those of ``GymEnv`` are by default: there they all count as action 0.
+    those of ``GymEnv`` are by default: there they all count as action 0. Copies in
+    several workers need different seeds.
 
     Examples:
         >>> RandomPolicy(4, seed=0)(TensorDict(batch_size=[2]))["action"].shape
@@ -86,7 +87,8 @@ class StickyPolicy(TensorDictModuleBase):
     It gets farther than :class:`RandomPolicy`, which mostly jitters on the spot. The
     last action is carried over the end of an episode. ``weights`` are the relative
     frequencies of the actions when one is drawn; equal by default. They are written as
-    numbers or one-hot, of which `RandomPolicy` says more.
+    numbers or one-hot, of which `RandomPolicy` says more. Copies in several
+    workers need different seeds.
 
     Examples:
         >>> policy = StickyPolicy(4, stickiness=0.6)

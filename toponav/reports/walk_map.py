@@ -19,16 +19,16 @@ _WALK = 900
 
 def write_walk_map(
     folder: Path, validation: Validation, world: World, progress: str
-) -> None:
+) -> str | None:
     """Write ``walk.png``: coverage of a held-out random walk, and a map of it.
 
     The map has the waypoints of the paper's eq. 9, at the share that calibration asks
     for, and an edge wherever the walk went from one waypoint's views to another's.
-    ``progress`` says in its title how far the training is. Without ground truth there
-    is no plan to draw on, and no picture.
+    ``progress`` says in its title, which is returned, how far the training is. Without
+    ground truth there is no plan to draw on, and no picture.
     """
     if world.layout is None or not world.spec.has_truth:
-        return
+        return None
     held_out, tc = validation.held_out[0], validation.networks.tc
     length = min(_WALK, held_out.length)
     embeddings = validation.embed(tc.encoder, held_out.pixels[:length])
@@ -61,3 +61,4 @@ def write_walk_map(
         title=title,
     )
     save_figure(figure, folder / "walk.png", dpi=110)
+    return title

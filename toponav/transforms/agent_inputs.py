@@ -23,6 +23,8 @@ from toponav.transforms.specs import (
 class PreviousAction(KeyedTransform):
     """Writes the action that led to an observation; ``num_actions`` if there is none.
 
+    It is the action as the transforms that follow it, and the policy, see it.
+
     Args:
         num_actions: how many actions the env has, at least 2.
         in_keys: key of the action, int64 ``[*B]``, ``[*B, 1]`` or one-hot.
@@ -43,11 +45,19 @@ class PreviousAction(KeyedTransform):
             raise ValueError(f"num_actions must be at least 2, got {num_actions}")
         super().__init__(in_keys, out_keys)
         self.num_actions = num_actions
+        self._chosen = f"_{self.out_keys[0]}"
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        # `_step` sees what the env was given, which transforms before this one change.
+        action = tensordict.get(self.in_keys[0], None)
+        return tensordict if action is None else tensordict.set(self._chosen, action)
 
     def _step(
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
-        action = read_entry(tensordict, self.in_keys[0])
+        action = tensordict.get(self._chosen, None)
+        if action is None:
+            action = read_entry(tensordict, self.in_keys[0])
         numbers = as_numbers(action, tensordict.batch_size, self.num_actions)
         return next_tensordict.set(self.out_keys[0], numbers.unsqueeze(-1))
 
@@ -167,9 +177,11 @@ class GoalViews(KeyedTransform):
     def _step(
         self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
     ) -> TensorDictBase:
-        # The goal stays where it is: what was shown before, if it is still there.
+        # A goal that has not moved: what was shown before, if it is still there.
         shown = tensordict.get(self.out_keys[0], None)
-        if shown is None:
+        before = tensordict.get(self.in_keys[0], None)
+        goal = read_entry(next_tensordict, self.in_keys[0])
+        if shown is None or before is None or not torch.equal(goal, before):
             return self._show(next_tensordict)
         return next_tensordict.set(self.out_keys[0], shown)
 

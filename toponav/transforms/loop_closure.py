@@ -8,16 +8,16 @@ from torchrl.data import Binary, Composite
 from toponav import keys
 from toponav.keys import read_entry
 from toponav.transforms.specs import (
+    EpisodeMemory,
     KeyedTransform,
     Keys,
-    ResizableBuffers,
     find_spec,
     require_reset,
     restarting_rows,
 )
 
 
-class LoopClosure(ResizableBuffers, KeyedTransform):
+class LoopClosure(EpisodeMemory, KeyedTransform):
     """Writes whether the agent is where it was before, having been elsewhere since.
 
     An earlier position of the episode counts if it is at most ``near`` away and a later

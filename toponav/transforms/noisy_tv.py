@@ -8,11 +8,11 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
 
-from toponav.keys import PIXELS
+from toponav.keys import PIXELS, read_entry
 from toponav.parts import needs_env
 from toponav.transforms.specs import (
+    EpisodeMemory,
     Keys,
-    ResizableBuffers,
     SeededMixin,
     ViewTransform,
     read_views,
@@ -27,6 +27,8 @@ Scale = Literal["quadrant", "native"]
 NoiseLaw = Callable[[tuple[int, ...], torch.Generator], Tensor]
 
 QUADRANTS: tuple[str, ...] = get_args(Quadrant)
+#: How far interpolation may carry pixels beyond 1.
+_OVERSHOOT = 0.25
 
 
 def _integers(shape: tuple[int, ...], generator: torch.Generator, end: int) -> Tensor:
@@ -45,7 +47,7 @@ NOISE_LAWS: Mapping[str, NoiseLaw] = {
 }
 
 
-class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
+class NoisyTV(SeededMixin, EpisodeMemory, ViewTransform):
     """Covers one quadrant of the view with noise that is fresh in each decision.
 
     The noise is a part of the world: this is the one transform that writes over its
@@ -126,6 +128,8 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
             rows = restarting_rows(self, tensordict, corner.shape, corner.device)
             corner = torch.where(rows, corner, self.corner)
         self.corner = corner
+        for key in self.in_keys:
+            self._check_range(key, read_entry(tensordict_reset, key))
         return self._call(tensordict_reset)
 
     def _step(
@@ -146,6 +150,12 @@ class NoisyTV(SeededMixin, ResizableBuffers, ViewTransform):
                 noises[count] = self._draw_noise(self.corner.numel(), count)
             next_tensordict.set(out_key, self._paint(views, noises[count]))
         return next_tensordict
+
+    def _check_range(self, key: NestedKey, views: Tensor) -> None:
+        """ValueError for floats in 0..255, say, in which the noise would be dark."""
+        if views.is_floating_point() and bool((views > 1 + _OVERSHOOT).any()):
+            rule = f"{key!r} must be uint8 or floating point in [0, 1]"
+            raise ValueError(f"{rule}, got {views.max():.3g}")
 
     def _draw_noise(self, num_envs: int, num_channels: int) -> Tensor:
         shape = (num_envs, self.size, self.size, num_channels)

@@ -10,10 +10,10 @@ from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
 from toponav import keys
 from toponav.keys import read_entry
 from toponav.transforms.specs import (
+    EpisodeMemory,
     GrowingSlots,
     KeyedTransform,
     Keys,
-    ResizableBuffers,
     find_spec,
     move_to,
     require_reset,
@@ -21,7 +21,7 @@ from toponav.transforms.specs import (
 )
 
 
-class Coverage(ResizableBuffers, KeyedTransform):
+class Coverage(EpisodeMemory, KeyedTransform):
     """Measures which share of the open cells an env has visited this episode.
 
     The reward is the number of cells entered for the first time in this decision. It

@@ -1,7 +1,8 @@
 """What transforms share: keys, specs, views, generators and buffers of episodes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from copy import deepcopy
+from typing import Any, Self
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -36,6 +37,19 @@ class KeyedTransform(Transform):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         raise needs_env(self)
+
+    def _reset_on_native_autoreset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        # Unlike in a reset, nobody merges what begins and what goes on.
+        begun = self._reset(tensordict, tensordict_reset.copy())
+        begun, goes_on = (
+            data.select(*self.out_keys, strict=False)
+            for data in (begun, tensordict_reset)
+        )
+        shape, device = begun.batch_size, begun.device or torch.device("cpu")
+        rows = restarting_rows(self, tensordict, shape, device)
+        return tensordict_reset.update(begun.where(rows, goes_on))
 
 
 class ViewTransform(Transform):
@@ -84,6 +98,11 @@ class SeededMixin:
         """Restart the generator; ``None`` takes a seed from the operating system."""
         self.generator = torch.Generator()
         self.generator.manual_seed(self.generator.seed() if seed is None else seed)
+
+    def clone(self) -> Self:
+        copied: Self = super().clone()  # type: ignore[misc]
+        copied.generator = self.generator.clone_state()
+        return copied
 
     def get_extra_state(self) -> Tensor:
         return self.generator.get_state()
@@ -140,7 +159,24 @@ class ResizableBuffers:
         super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
 
 
-class GrowingSlots(ResizableBuffers):
+class EpisodeMemory(ResizableBuffers):
+    """Mixin of transforms that remember of each episode what they have seen of it."""
+
+    def clone(self) -> Self:
+        copied: Self = super().clone()  # type: ignore[misc]
+        # TorchRL's clones share their buffers, but no two envs share an episode.
+        for name in ("_buffers", "_modules"):
+            setattr(copied, name, deepcopy(getattr(self, name)))
+        return copied
+
+    def _reset_on_native_autoreset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        rule = f"native_autoreset must be False for {type(self).__name__}"
+        raise ValueError(f"{rule}, which must see how episodes end, got True")
+
+
+class GrowingSlots(EpisodeMemory):
     """Mixin of transforms that keep ever more of each episode."""
 
     # Decisions for which there is room, whatever happens in them.

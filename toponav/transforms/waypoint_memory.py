@@ -1,8 +1,5 @@
 """`WaypointMemory`: what each env has seen in this episode, as waypoints."""
 
-from copy import deepcopy
-from typing import Self
-
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
@@ -11,6 +8,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from toponav import keys
 from toponav.transforms.embed_views import Compare, Embed, ViewSimilarity
 from toponav.transforms.specs import (
+    EpisodeMemory,
     KeyedTransform,
     Keys,
     find_views,
@@ -28,7 +26,7 @@ _OUT_KEYS += [keys.IS_NEW_WAYPOINT, keys.VISITS, keys.NUM_WAYPOINTS]
 _READ_EVERY = 16
 
 
-class WaypointMemory(KeyedTransform):
+class WaypointMemory(EpisodeMemory, KeyedTransform):
     """Maps each view to a waypoint of its episode, or makes it one.
 
     The first view of an episode is its first waypoint. A later view whose highest
@@ -99,12 +97,6 @@ class WaypointMemory(KeyedTransform):
         )
         # Decisions since numbers were read.
         self._unread = 0
-
-    def clone(self) -> Self:
-        copied: Self = super().clone()
-        # TorchRL's clones share their modules, but no two envs share an episode.
-        copied.slots = deepcopy(self.slots)
-        return copied
 
     def _set_threshold(self, threshold: float) -> None:
         if not 0 <= threshold < 1:

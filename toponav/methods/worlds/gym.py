@@ -1,7 +1,9 @@
 """Any Gymnasium environment with pixels and discrete actions."""
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from omegaconf import MISSING, OmegaConf
 from torchrl.envs import EnvBase
@@ -35,18 +37,29 @@ class GymWorldConfig(WorldConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for option in self.options:
-            rule = "world.options must hold entries such as max_steps:500"
-            require(":" in option, rule, f"'{option}'")
+        self._read_options()
 
     @property
     def choices(self) -> GymChoices:
         """What is done with the environment before anybody sees it."""
         names = [choice.name for choice in fields(GymChoices)]
         given = {name: getattr(self, name) for name in names}
-        lines = [option.replace(":", ": ", 1) for option in self.options]
-        options = OmegaConf.to_container(OmegaConf.create("\n".join(lines)))
-        return GymChoices(**(given | {"options": options}))
+        return GymChoices(**(given | {"options": self._read_options()}))
+
+    def _read_options(self) -> dict[str, Any]:
+        """Names and values of `options`."""
+        read: dict[str, Any] = {}
+        for option in self.options:
+            found: Any = None
+            with suppress(
+                Exception
+            ):  # what is no YAML makes its reader fail in any way
+                text = option.replace(":", ": ", 1)
+                found = OmegaConf.to_container(OmegaConf.create(text))
+            rule = "world.options must hold entries such as max_steps:500"
+            require(":" in option and isinstance(found, dict), rule, f"'{option}'")
+            read |= found
+        return read
 
 
 class GymWorld(World):

@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 from torchrl.envs import EnvBase
 
 from toponav.builders import World, engine_world, make_env, make_layout
-from toponav.config import ExploreConfig, PretrainConfig, WorldConfig, maze_label
+from toponav.config import (
+    ExploreConfig,
+    PretrainConfig,
+    WorldConfig,
+    maze_label,
+    refusing,
+)
 
 # Height and width of a depth picture.
 _DEPTH = (20, 18)
@@ -31,6 +37,8 @@ class MazeWorld(World):
         self.name = maze_label(self.maze.name, self.maze.path)
         self.episode_length = self.maze.episode_length
         self.layout = make_layout(self.maze)
+        with refusing("maze: "):
+            self.blocked = self.layout.check_slots(self.maze.blocked)
 
     def make_env(
         self,
@@ -45,6 +53,7 @@ class MazeWorld(World):
         length = episode_length or self.episode_length
         return make_env(
             replace(self.maze, episode_length=length),
+            layout=self.layout,
             engine=self.engine,
             batch_size=batch_size,
             seed=seed,

@@ -23,14 +23,14 @@ ARC, BACK = [20, 0, 0, 1, 0, 0, 0], [0, 0, 0, -1, 0, 0, 0]
 def test_the_engine_measures_the_same_also_while_it_moves() -> None:
     caster = DepthCaster(HALL, WORLD.view_size, camera=CAMERA, cell_size=CELL_SIZE)
     # Pictures hang a little before their walls.
-    look = Look(paintings=0.0)
-    engine = Engine(level_settings(HALL, look), view="RGBD_INTERLEAVED")
+    settings = level_settings(HALL, Look(paintings=0.0))
+    engine = Engine(settings, view="RGBD_INTERLEAVED")
     wrong, sky = [], []
     try:
         for seed in range(4):
             generator = np.random.default_rng(seed)
             scene = draw_scene(HALL, SceneRules(), generator, cell_size=CELL_SIZE)
-            shown = [engine.reset(scene_text(HALL, look, scene), idle=36)]
+            shown = [engine.reset(scene_text(HALL, settings, scene), idle=36)]
             shown += [engine.act(held, frames=4)[1] for held in (ARC, ARC, ARC, BACK)]
             for view, pose in shown:
                 x, y, yaw = (np.array([number]) for number in pose)

@@ -5,17 +5,27 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.envs.layouts import GATE, LANE
 from tests.envs.test_engines import STAND_IN
 from toponav.builders import engine_world
-from toponav.envs import EngineError, EngineLostError, MazeEnv
+from toponav.envs import (
+    EngineError,
+    EngineLostError,
+    Layout,
+    MazeEnv,
+    make_random_layout,
+)
 from toponav.envs.cache import cache_folder
+from toponav.envs.engines.dmlab import text_level
+from toponav.envs.engines.dmlab.child import MapCache
 from toponav.envs.engines.dmlab.engine import Engine
 from toponav.envs.engines.dmlab.game import MazeGame
 from toponav.envs.engines.dmlab.text_level import level_settings, scene_text
@@ -59,7 +69,7 @@ def test_without_the_engine_one_sentence_says_what_to_do(
 
 class TestLoss:
     def test_a_killed_engine_is_lost_and_replaced(self, engine: Engine) -> None:
-        scene = scene_text(LANE, Look(), SCENE)
+        scene = scene_text(LANE, SETTINGS, SCENE)
         engine.reset(scene, idle=1)
         first = engine.pid
         os.kill(first, signal.SIGKILL)
@@ -77,6 +87,19 @@ class TestLoss:
         rule = r"engine must start, got: the engine died: exit status 1; its last"
         with pytest.raises(EngineError, match=f"{rule} output: the stand-in was told"):
             Engine(SETTINGS)
+
+    def test_one_that_no_process_can_be_started_for_leaves_nothing(
+        self, stand_in: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        def refuse(*given: object, **named: object) -> None:
+            raise OSError("no more processes")
+
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+        monkeypatch.setattr(subprocess, "Popen", refuse)
+        rule = "the engine must start, got: no more processes"
+        with pytest.raises(EngineError, match=rule):
+            Engine(SETTINGS)
+        assert not list(tmp_path.glob("toponav-dmlab-*"))
 
     def test_what_the_engine_refuses_is_said(self, stand_in: None) -> None:
         rule = r"the engine must start, got: RuntimeError: the stand-in has not seen"
@@ -98,6 +121,18 @@ class TestEnd:
         engine.close()
         assert not alive(pid)
         assert not folder.exists()
+
+    def test_nothing_is_left_of_a_large_maze(
+        self, stand_in: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+        layout = make_random_layout(40, 40, seed=0)
+        # Linux takes no longer argument of a process.
+        assert len(str(level_settings(layout, Look()))) > 131_072
+        game = MazeGame(layout)
+        assert len(list(tmp_path.glob("toponav-dmlab-*"))) == 1
+        game.close()
+        assert not list(tmp_path.glob("toponav-dmlab-*"))
 
     def test_it_ends_with_its_owner(
         self, module: str, alive: Callable[[int], bool]
@@ -139,14 +174,14 @@ class TestMaps:
         self, module: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     ) -> None:
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-        look, kept = Look(), []
+        kept = []
         for _ in range(2):
-            game = MazeGame(LANE, look)
+            game = MazeGame(LANE)
             try:
                 game.reset(SCENE)
             finally:
                 game.close()
-            name = scene_text(LANE, look, SCENE).split()[1]
+            name = scene_text(LANE, SETTINGS, SCENE).split()[1]
             kept.append(
                 [
                     (path, path.stat().st_mtime_ns)
@@ -156,10 +191,33 @@ class TestMaps:
         assert len(kept[0]) == 1
         assert kept[0] == kept[1]
 
+    @pytest.mark.timeout(150)
+    def test_one_that_does_not_compile_keeps_nobody_waiting(
+        self, stand_in: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+        monkeypatch.setenv("STAND_IN", "compiles nothing")
+        monkeypatch.setattr("toponav.envs.engines.dmlab.engine._SECONDS", 30.0)
+        engines = [Engine(SETTINGS), Engine(SETTINGS)]
+        try:
+            for engine in engines:
+                with pytest.raises(EngineError, match="stand-in was told to compile"):
+                    engine.reset(scene_text(LANE, SETTINGS, SCENE), idle=1)
+        finally:
+            for engine in engines:
+                engine.close()
+
+    @pytest.mark.timeout(60)
+    def test_one_that_cannot_be_read_keeps_nobody_waiting(self, tmp_path: Path) -> None:
+        (tmp_path / "map.pk3").mkdir()
+        for cache in [MapCache(tmp_path), MapCache(tmp_path)]:
+            with pytest.raises(IsADirectoryError):
+                cache.fetch("map", str(tmp_path / "copy"))
+
     def test_its_name_is_its_content(self) -> None:
         def name(layout=GATE, look: Look = Look(), blocked=()) -> str:  # noqa: B008
             scene = Scene(SCENE.start, (), None, None, blocked, SCENE.next_start)
-            return scene_text(layout, look, scene).split()[1]
+            return scene_text(layout, level_settings(layout, look), scene).split()[1]
 
         others = {
             name(LANE),
@@ -173,6 +231,24 @@ class TestMaps:
 
 
 class TestLook:
+    def test_it_is_computed_once(
+        self, stand_in: None, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assign, calls = text_level.assign_regions, []
+
+        def count(layout: Layout, generator: np.random.Generator) -> object:
+            calls.append(layout)
+            return assign(layout, generator)
+
+        monkeypatch.setattr(text_level, "assign_regions", count)
+        game = MazeGame(LANE)
+        try:
+            for _ in range(3):
+                game.reset(SCENE)
+        finally:
+            game.close()
+        assert calls == [LANE]
+
     def test_a_closed_slot_changes_nothing_else(self) -> None:
         # The settings know nothing of scenes; their pictures hang on walls alone.
         settings = level_settings(GATE, Look(paintings=1.0))

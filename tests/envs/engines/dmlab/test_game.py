@@ -188,6 +188,20 @@ class TestThings:
         assert sum(rewards) in (10.0, 11.0)
         assert track.reward == 10.0
 
+    def test_an_apple_where_the_goal_puts_the_agent_pays(self, track: MazeGame) -> None:
+        goal = 450.0, 150.0
+        twin = scene_at(TRACK, (150, 150, 0), goal=goal)
+        x, y, _ = twin.next_start()
+        assert x > 600  # beyond the goal: not on the way there
+        track.reset(scene_at(TRACK, (150, 150, 0), apples=((x, y),), goal=goal))
+        rewards = []
+        while not track.respawned:
+            track.step(FORWARD)
+            rewards.append(track.reward)
+        assert [reward for reward in rewards if reward] == [11.0]
+        track.step(LEFT)
+        assert track.reward == 0.0
+
 
 class TestSlots:
     #: The gate's slot spans x = 200 to 300 of its southern corridor at y = 150.

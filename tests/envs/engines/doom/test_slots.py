@@ -100,6 +100,21 @@ def test_opening_takes_a_waiting_closing_back(gate: MazeGame) -> None:
     assert gate.closed == set()
 
 
+def test_one_that_opens_and_closes_between_two_decisions_is_closed(
+    gate: MazeGame,
+) -> None:
+    start(gate, 192, blocked=("a",))
+    for _ in range(2):
+        gate.set_slot("a", closed=False)
+        gate.set_slot("a", closed=True)
+    go(gate, FORWARD, 10)
+    assert gate.closed == {"a"}
+    assert gate.pose.x == pytest.approx(WEST - 16, abs=0.5)
+    gate.set_slot("a", closed=False)
+    go(gate, FORWARD, 10)
+    assert gate.pose.x > EAST + 16
+
+
 def test_closing_twice_is_closing_once(gate: MazeGame) -> None:
     start(gate, 192, blocked=("a",))
     gate.set_slot("a", closed=True)

@@ -34,14 +34,16 @@ class MapCache:
 
     def fetch(self, key: str, pk3_path: str) -> bool:
         """Copy a map to where the engine wants it; false if it has to be compiled."""
-        self._unlock()
+        self.unlock()
         self._lock = (self._folder / f"{key}.lock").open("w")
         fcntl.flock(self._lock, fcntl.LOCK_EX)
         kept = self._folder / f"{key}.pk3"
         if not kept.exists():
             return False
-        shutil.copyfile(kept, pk3_path)
-        self._unlock()
+        try:
+            shutil.copyfile(kept, pk3_path)
+        finally:
+            self.unlock()
         return True
 
     def write(self, key: str, pk3_path: str) -> None:
@@ -49,9 +51,10 @@ class MapCache:
         partly = self._folder / f"{key}.{os.getpid()}"
         shutil.copyfile(pk3_path, partly)
         partly.replace(self._folder / f"{key}.pk3")
-        self._unlock()
+        self.unlock()
 
-    def _unlock(self) -> None:
+    def unlock(self) -> None:
+        """Let others compile a map that was missed."""
         if self._lock is not None:
             self._lock.close()
             self._lock = None
@@ -64,22 +67,26 @@ class Server:
         import deepmind_lab
 
         names = ["POSE", options["view"]]
+        self._maps = MapCache(Path(options["cache"]))
         self._lab = deepmind_lab.Lab(
             options["level"],
             names,
             options["config"],
             "software",
-            level_cache=MapCache(Path(options["cache"])),
+            level_cache=self._maps,
             temp_folder=options["folder"],
         )
         self._names, self._is_warm = names, False
 
     def reset(self, scene: str, idle: int) -> tuple[bytes, list[float]]:
         """Load a scene and wait until the agent stands: its view and pose."""
-        # An engine's first episode runs a little otherwise than all that follow.
-        for _ in range(1 if self._is_warm else 2):
-            self._lab.write_property("scene", scene)
-            self._lab.reset(seed=0)
+        try:
+            # An engine's first episode runs a little otherwise than all that follow.
+            for _ in range(1 if self._is_warm else 2):
+                self._lab.write_property("scene", scene)
+                self._lab.reset(seed=0)
+        finally:
+            self._maps.unlock()  # held yet where a map did not compile
         self._is_warm = True
         _, view, pose = self.act([0] * 7, idle, None)
         return view, pose
@@ -111,7 +118,7 @@ def main() -> None:
     """Serve until the owner closes the socket or dies."""
     # The owner ends its engines; a Ctrl-C reaches the whole group.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    options = json.loads(sys.argv[1])
+    options = json.loads(Path(sys.argv[1]).read_text())
     sys.path[:] = options["path"]
     link: Connection[Any, Any] = Connection(options["socket"])
     with suppress(EOFError, OSError):

@@ -60,9 +60,42 @@ class Engine:
         check_installed()
         self._folder = Path(tempfile.mkdtemp(prefix="toponav-dmlab-"))
         ours, theirs = socket.socketpair()
+        try:
+            with theirs:
+                self._process = self._launch(theirs.fileno())
+        except OSError as error:
+            ours.close()
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise EngineError(f"the engine must start, got: {error}") from error
+        self._link: Connection[Any, Any] = Connection(ours.detach())
+        self._end = weakref.finalize(
+            self, _release, os.getpid(), self._process, self._link, self._folder
+        )
+        try:
+            self._answer()
+        except EngineError as error:
+            self._end()
+            raise EngineError(f"the engine must start, got: {error}") from error
+
+    def _launch(self, link: int) -> "subprocess.Popen[bytes]":
+        """Start the process that serves at the other end of a socket."""
+        # In a file: the look of a large maze is too long for an argument.
+        options = self._folder / "options.json"
+        options.write_text(json.dumps(self._options(link)))
+        with (self._folder / "log").open("wb") as log:
+            return subprocess.Popen(
+                [sys.executable, "-P", str(_CHILD), str(options)],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                pass_fds=[link],
+            )
+
+    def _options(self, link: int) -> dict[str, Any]:
+        """What ``child.py`` needs to run the engine."""
         height, width = WORLD.view_size
-        options = {
-            "socket": theirs.fileno(),
+        return {
+            "socket": link,
             "owner": os.getpid(),
             "path": sys.path,
             "folder": str(self._folder),
@@ -80,23 +113,6 @@ class Engine:
                 **self._settings,
             },
         }
-        with theirs, (self._folder / "log").open("wb") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", str(_CHILD), json.dumps(options)],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                pass_fds=[theirs.fileno()],
-            )
-        self._link: Connection[Any, Any] = Connection(ours.detach())
-        self._end = weakref.finalize(
-            self, _release, os.getpid(), self._process, self._link, self._folder
-        )
-        try:
-            self._answer()
-        except EngineError as error:
-            self._end()
-            raise EngineError(f"the engine must start, got: {error}") from error
 
     def reset(self, scene: str, *, idle: int) -> Seen:
         """Load a scene (see ``level.lua``), wait some frames: the view and the pose."""

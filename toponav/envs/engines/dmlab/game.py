@@ -31,8 +31,8 @@ class MazeGame:
     scene: Scene
 
     def __init__(self, layout: Layout, look: Look = Look()) -> None:  # noqa: B008
-        self.layout, self._look = layout, look
-        self.engine = Engine(level_settings(layout, look))
+        self.layout, self._settings = layout, level_settings(layout, look)
+        self.engine = Engine(self._settings)
         self.reward = 0.0
         self.respawned = False
         self.closed: set[str] = set()
@@ -40,7 +40,7 @@ class MazeGame:
     def reset(self, scene: Scene) -> None:
         """Start an episode; an ``EngineError`` if the agent does not stand there."""
         self.scene, self.closed = scene, set(scene.blocked)
-        text = scene_text(self.layout, self._look, scene)
+        text = scene_text(self.layout, self._settings, scene)
         self._see(self.engine.reset(text, idle=_SETTLING_FRAMES))
         self.reward, self.respawned = 0.0, False
         self._check_start(scene.start)
@@ -54,8 +54,9 @@ class MazeGame:
         )
         self.respawned = goal is not None and self.reward >= GOAL_REWARD
         if self.respawned:
-            # The engine puts the agent there in the next frame.
-            _, seen = self.engine.act(_NOTHING, frames=_SETTLING_FRAMES)
+            # The engine puts the agent there in the next frame, where an apple may be.
+            more, seen = self.engine.act(_NOTHING, frames=_SETTLING_FRAMES)
+            self.reward += more
         self._see(seen)
         if self.respawned:
             self._send_respawn()

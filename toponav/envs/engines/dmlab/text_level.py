@@ -49,10 +49,10 @@ def level_settings(layout: Layout, look: Look) -> dict[str, str]:
     }
 
 
-def scene_text(layout: Layout, look: Look, scene: Scene) -> str:
-    """One episode as the level's property ``scene``."""
+def scene_text(layout: Layout, settings: Mapping[str, str], scene: Scene) -> str:
+    """One episode as the level's property ``scene``, by the maze's `level_settings`."""
     rows = _rows(layout, scene.blocked)
-    content = repr((rows, sorted(level_settings(layout, look).items())))
+    content = repr((rows, sorted(settings.items())))
     name = "tn" + hashlib.sha256(content.encode()).hexdigest()[:16]
     lines = [f"map {name}", *(f"row {row}" for row in rows)]
     lines.append(f"start {pose_text(scene.start)}")
