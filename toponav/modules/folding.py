@@ -79,14 +79,7 @@ class FoldCache:
         self, make: Callable[[], list[FoldedConvolution]], *modules: nn.Module
     ) -> list[FoldedConvolution]:
         """The last result of ``make`` from these modules, or a new one."""
-        # As `parameters()` and `buffers()`, which take twice as long.
-        tensors = [
-            tensor
-            for part in modules
-            for module in part.modules()
-            for tensor in (*module._parameters.values(), *module._buffers.values())
-            if tensor is not None
-        ]
+        tensors = [tensor for part in modules for tensor in _tensors_of(part)]
         # Changing a tensor in place raises its version, exchanging it moves its memory;
         # only writing through `.data` does neither.
         now = [(tensor.data_ptr(), tensor._version) for tensor in tensors]
@@ -102,14 +95,23 @@ class FoldCache:
     def _look_at(self, tensors: list[Tensor]) -> None:
         self._kept = [tensor.detach() for tensor in tensors]
         here = [one for one in self._kept if one.device == torch.device("cpu")]
-        read = [_some_numbers(one) for one in here if one.is_floating_point()]
-        self._looked_at = read
-        self._seen = torch.cat(read) if read else torch.empty(0)
+        self._looked_at = [_some_numbers(one) for one in here]
+        self._seen = torch.cat(self._looked_at) if here else torch.empty(0)
 
     def _has_other_numbers(self) -> bool:
         if not self._looked_at:
             return False
         return not torch.equal(torch.cat(self._looked_at), self._seen)
+
+
+def _tensors_of(module: nn.Module) -> list[Tensor]:
+    """What enters a fold; `parameters()` and `buffers()` take thrice as long."""
+    held = {**module._parameters, **module._buffers}
+    held.pop("num_batches_tracked", None)
+    found = [tensor for tensor in held.values() if tensor is not None]
+    for child in module._modules.values():
+        found += [] if child is None else _tensors_of(child)
+    return found
 
 
 def _some_numbers(tensor: Tensor) -> Tensor:
