@@ -8,6 +8,8 @@ from torch import Tensor
 #: Views are ``[*B, H, W, C]``, or ``[*B, C, H, W]``, TorchRL's usual layout.
 ChannelOrder = Literal["HWC", "CHW"]
 _COUNTS = (1, 3, 4)
+#: How far interpolation may carry floats beyond [0, 1].
+OVERSHOOT = 0.25
 
 
 def check_order(channels: str) -> ChannelOrder:

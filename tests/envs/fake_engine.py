@@ -67,13 +67,14 @@ class FakeGame:
             self.pose = self.scene.next_start()
         self._draw()
 
+    def check_slot(self, letter: str, *, closed: bool) -> None:
+        self.layout.check_slots({*self.closed, letter} if closed else {letter})
+
     def set_slot(self, letter: str, *, closed: bool) -> None:
         self._check_alive()
         if closed:
-            self.layout.check_slots({*self.closed, letter})
             self.closed.add(letter)
         else:
-            self.layout.check_slots({letter})
             self.closed.discard(letter)
 
     def restart(self) -> None:

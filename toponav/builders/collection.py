@@ -28,7 +28,15 @@ from toponav.builders.protocols import World
 from toponav.collectors import PatientAsyncCollector
 from toponav.config import PretrainConfig
 from toponav.data import HeldOut
-from toponav.keys import ACTION, HEADING, NETWORK_PIXELS, PIXELS, POSITION, TRAJECTORY
+from toponav.keys import (
+    ACTION,
+    DONE,
+    HEADING,
+    NETWORK_PIXELS,
+    PIXELS,
+    POSITION,
+    TRAJECTORY,
+)
 from toponav.policies import RandomPolicy, StickyPolicy, forward_weights
 from toponav.transforms import AreaDownsample
 from toponav.worlds import WorldSpec
@@ -294,7 +302,7 @@ def collect_walks(
             policy,
             decisions,
             keep=HELD_OUT_KEYS,
-            keep_next=["done"],
+            keep_next=[DONE],
             progress=count,
         )
     return rollout.frames

@@ -9,7 +9,15 @@ from torch import Tensor
 from toponav.actions import as_numbers
 from toponav.data.episodes import Episodes
 from toponav.data.pair_sources import DrawRule
-from toponav.keys import ACTION, HEADING, LABEL, NETWORK_PIXELS, POSITION, read_entry
+from toponav.keys import (
+    ACTION,
+    DONE,
+    HEADING,
+    LABEL,
+    NETWORK_PIXELS,
+    POSITION,
+    read_entry,
+)
 from toponav.parts import require_parts
 
 
@@ -48,7 +56,7 @@ class HeldOut:
         if frames.ndim != 2:
             raise ValueError(f"frames must be [E, T], got {list(frames.shape)}")
         self.name = name
-        self.num_episodes, self.length = frames.shape
+        self.num_walks, self.length = frames.shape
         self.frames = frames.flatten()
         self.episodes = Episodes.from_lengths(_episode_lengths(frames))
 
@@ -84,7 +92,7 @@ class HeldOut:
 
 
 def _episode_lengths(frames: TensorDictBase) -> list[int]:
-    done = frames.get(("next", "done"), None)
+    done = frames.get(("next", DONE), None)
     ends = torch.zeros(frames.shape, dtype=torch.bool)
     if done is not None:
         ends |= done.reshape(frames.shape).cpu()

@@ -57,8 +57,6 @@ class BatchedGames:
         self._threads = LockstepThreadPool(min(size, _MOST_THREADS))
         self._games: list[Game] = []
         self._scenes: dict[int, Scene] = {}
-        # Letters of the slots of each row that are closed, or about to be.
-        self._closing: list[set[str]] = [set() for _ in range(size)]
         self._lost = np.zeros(size, dtype=bool)
         self._actions: list[list[int]] = [[] for _ in range(size)]
         # Poses after the last decision and before it.
@@ -180,16 +178,11 @@ class BatchedGames:
         """
         rows = range(self.size) if rows is None else list(rows)
         for row in rows:
-            others = self._closing[row] if closed else ()
-            self._layout.check_slots({*others, letter})
+            self._games[row].check_slot(letter, closed=closed)
         for row in rows:
             # The next step warns of a lost engine, and a reset replaces it.
             with suppress(EngineLostError):
                 self._games[row].set_slot(letter, closed=closed)
-            if closed:
-                self._closing[row].add(letter)
-            else:
-                self._closing[row].discard(letter)
 
     @property
     def scenes(self) -> tuple[Scene, ...]:
@@ -233,7 +226,6 @@ class BatchedGames:
                     game.restart()
                 # Drawn again on a second try, so that the episode is the same.
                 self._scenes[row] = self._draw_scene(np.random.default_rng(seed))
-                self._closing[row] = set(self._scenes[row].blocked)
                 game.reset(self._scenes[row])
                 break
             except EngineLostError as error:

@@ -79,11 +79,11 @@ class Game(Protocol):
     def step(self, action: int) -> None:
         """Take one decision; the action has been checked."""
 
-    def set_slot(self, letter: str, *, closed: bool) -> None:
-        """Close or open a slot as soon as the agent is clear of it.
+    def check_slot(self, letter: str, *, closed: bool) -> None:
+        """A ``ValueError`` if a slot is unknown, or would cut the maze in two."""
 
-        A ``ValueError`` if it is unknown or would cut the maze in two.
-        """
+    def set_slot(self, letter: str, *, closed: bool) -> None:
+        """Close or open a slot that was checked, when the agent is clear of it."""
 
     def restart(self) -> None:
         """Replace an engine that was lost."""

@@ -9,10 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
 from toponav.modules.folding import FoldCache, FoldedConvolution
-from toponav.views import ChannelOrder, channels_last, check_order
-
-#: How far interpolation may carry pixels beyond [0, 1].
-_OVERSHOOT = 0.25
+from toponav.views import OVERSHOOT, ChannelOrder, channels_last, check_order
 
 
 def check_pixels(
@@ -44,7 +41,7 @@ def _check_floats(pixels: Tensor, *, unit: bool) -> None:
     if torch.compiler.is_compiling() or not pixels.numel():
         return
     limit = torch.finfo(pixels.dtype).max
-    least, most = (-_OVERSHOOT, 1 + _OVERSHOOT) if unit else (-limit, limit)
+    least, most = (-OVERSHOOT, 1 + OVERSHOOT) if unit else (-limit, limit)
     low, high = pixels.detach().aminmax()
     # A comparison with NaN is false.
     if not bool((low >= least) & (high <= most)):

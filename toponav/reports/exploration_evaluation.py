@@ -78,7 +78,7 @@ class Evaluation:
 
 def ends_of(later: TensorDictBase) -> Tensor:
     """The decision ``[N]`` that ended each episode of ``[N, T]``, T - 1 if none."""
-    done = later.get("done", None)
+    done = later.get(keys.DONE, None)
     if done is None:
         return torch.full(later.shape[:1], later.shape[1] - 1)
     ended: Tensor = done.flatten(1).clone()
@@ -115,7 +115,7 @@ def evaluate_policies(
         seed=seed_of(settings.seed, EVALUATION_SEED),
         action_seed=seed_of(settings.seed, EVALUATION_SEED, 1),
         keep=_KEPT,
-        keep_next=[*_KEPT, reward, "done"],
+        keep_next=[*_KEPT, reward, keys.DONE],
         views=length + 1,
         progress=progress,
     )

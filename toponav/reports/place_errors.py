@@ -35,7 +35,7 @@ def place_errors(
         an episode apart, as a map needs it; ``place_error_far_sighted``: the same, of
         views that are no close-ups of a wall; ``far_sighted``: their share.
     """
-    num_views = min(held_out.num_episodes, -(-_MEMORY // held_out.length))
+    num_views = min(held_out.num_walks, -(-_MEMORY // held_out.length))
     num_views *= held_out.length
     number = torch.arange(num_views)
     episode, step = number // held_out.length, number % held_out.length

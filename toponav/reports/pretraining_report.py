@@ -138,7 +138,7 @@ def _embed_sequences(validation: Validation) -> list[Tensor]:
     per_world = max(1, _MAX_SEQUENCES // len(validation.held_out))
     sequences: list[Tensor] = []
     for held_out in validation.held_out:
-        num = min(per_world, held_out.num_episodes) * held_out.length
+        num = min(per_world, held_out.num_walks) * held_out.length
         encoder = validation.networks.tc.encoder
         embeddings = validation.embed(encoder, held_out.pixels[:num])
         sequences += embeddings.split(held_out.length)

@@ -197,8 +197,7 @@ class Schedule:
     def part(self) -> Callable[[float], None]:
         """What shows the share of one of several parts of the phase that runs.
 
-        They go on beside each other, and the one that is least far decides. All are
-        made before the first shows anything, or count as they are made.
+        They go on beside each other, and the one that is least far decides.
         """
         number = len(self._parts)
         self._parts.append(0.0)

@@ -19,7 +19,7 @@ from toponav.transforms.specs import (
     require_reset,
     restarting_rows,
 )
-from toponav.views import ChannelOrder, channels_last, view_size
+from toponav.views import OVERSHOOT, ChannelOrder, channels_last, view_size
 
 Quadrant = Literal["top_left", "top_right", "bottom_left", "bottom_right"]
 Scale = Literal["quadrant", "native"]
@@ -27,8 +27,6 @@ Scale = Literal["quadrant", "native"]
 NoiseLaw = Callable[[tuple[int, ...], torch.Generator], Tensor]
 
 QUADRANTS: tuple[str, ...] = get_args(Quadrant)
-#: How far interpolation may carry pixels beyond 1.
-_OVERSHOOT = 0.25
 
 
 def _integers(shape: tuple[int, ...], generator: torch.Generator, end: int) -> Tensor:
@@ -153,7 +151,7 @@ class NoisyTV(SeededMixin, EpisodeMemory, ViewTransform):
 
     def _check_range(self, key: NestedKey, views: Tensor) -> None:
         """ValueError for floats in 0..255, say, in which the noise would be dark."""
-        if views.is_floating_point() and bool((views > 1 + _OVERSHOOT).any()):
+        if views.is_floating_point() and bool((views > 1 + OVERSHOOT).any()):
             rule = f"{key!r} must be uint8 or floating point in [0, 1]"
             raise ValueError(f"{rule}, got {views.max():.3g}")
 

@@ -51,9 +51,8 @@ class GymWorldConfig(WorldConfig):
         read: dict[str, Any] = {}
         for option in self.options:
             found: Any = None
-            with suppress(
-                Exception
-            ):  # what is no YAML makes its reader fail in any way
+            # What is no YAML makes its reader fail in any way.
+            with suppress(Exception):
                 text = option.replace(":", ": ", 1)
                 found = OmegaConf.to_container(OmegaConf.create(text))
             rule = "world.options must hold entries such as max_steps:500"

@@ -222,5 +222,5 @@ class TestSlots:
             gate.set_slot("a", closed=False)
         assert gate.closed == {"a"}
         with pytest.raises(ValueError, match="got 'q'"):
-            gate.set_slot("q", closed=True)
+            gate.check_slot("q", closed=True)
         assert HALL.slots == {}

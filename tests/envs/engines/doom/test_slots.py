@@ -166,21 +166,22 @@ class TestBadSlots:
         start(gate, 192)
         for closed in (True, False):
             with pytest.raises(ValueError, match=r"slots of gate \(a\), got 'x'"):
-                gate.set_slot("x", closed=closed)
+                gate.check_slot("x", closed=closed)
 
     def test_a_closing_that_cuts_is_refused(self) -> None:
         game = MazeGame(RING)
         try:
             game.reset(scene_at(RING, (320, 192, 0), blocked=("a",)))
             with pytest.raises(ValueError, match="ring in one piece, got a, b"):
-                game.set_slot("b", closed=True)
+                game.check_slot("b", closed=True)
             # Nor while the other closing still waits.
             game.reset(scene_at(RING, (*RING.centre((2, 1), CELL_SIZE), 0)))
             game.set_slot("a", closed=True)
             game.step(LEFT)
             with pytest.raises(ValueError, match="ring in one piece, got a, b"):
-                game.set_slot("b", closed=True)
+                game.check_slot("b", closed=True)
             game.set_slot("a", closed=False)
+            game.check_slot("b", closed=True)
             game.set_slot("b", closed=True)
             game.step(LEFT)
             assert game.closed == {"b"}

@@ -61,9 +61,11 @@ class MazeGame:
         if self.respawned:
             self._send_respawn()
 
+    def check_slot(self, letter: str, *, closed: bool) -> None:
+        self.layout.check_slots({*self.closed, letter} if closed else {letter})
+
     def set_slot(self, letter: str, *, closed: bool) -> None:
         """Refused unless the slot is so already: maps cannot change while they run."""
-        self.layout.check_slots({*self.closed, letter} if closed else {letter})
         if closed != (letter in self.closed):
             raise EngineError(
                 "slots must stay as they are while an episode runs on engine=dmlab, "

@@ -105,13 +105,15 @@ class MazeGame:
             self._send_respawn()
         self._apples, self._goals = apples, goals
 
+    def check_slot(self, letter: str, *, closed: bool) -> None:
+        others = {*self.closed, *self._to_close} if closed else set[str]()
+        self.layout.check_slots({*others, letter})
+
     def set_slot(self, letter: str, *, closed: bool) -> None:
         if closed:  # later: a rising floor would lift the agent over the walls
-            self.layout.check_slots({*self.closed, *self._to_close, letter})
             if letter not in self.closed:
                 self._to_close.add(letter)
             return
-        self.layout.check_slots({letter})
         self._to_close.discard(letter)
         if letter in self.closed:
             self.closed.remove(letter)
