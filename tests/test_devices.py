@@ -64,7 +64,11 @@ def test_the_papers_encoder_trains_there(device: str) -> None:
     networks, trainer = make_trainer(encoder="resnet18", device=device)
     measured = trainer.step()
     _, here = make_trainer(encoder="resnet18")
-    assert measured == pytest.approx(here.step(), rel=1e-3)
+    expected = here.step()
+    # Through twenty normalisations of few views rounding grows: 0.25 % on an H200.
+    norm = expected.pop("gradient_norm")
+    assert measured.pop("gradient_norm") == pytest.approx(norm, rel=1e-2)
+    assert measured == pytest.approx(expected, rel=1e-3)
     assert str(networks.device).startswith(device)
 
 

@@ -108,7 +108,7 @@ def test_share_must_be_possible(share):
 def test_there_must_be_sequences_and_pairs():
     with pytest.raises(ValueError, match="must hold at least one"):
         calibrate_share([], target_share=MAP_SHARE)
-    with pytest.raises(ValueError, match="must hold two observations"):
+    with pytest.raises(ValueError, match="episode must hold two observations"):
         calibrate_reach(walks(1, 1), tc_threshold=0.9)
 
 
@@ -127,3 +127,43 @@ def test_a_map_gets_both_thresholds():
     )
     assert rules.tc_reach == reach.threshold
     assert rules.window == 0
+
+
+def test_an_episodic_memory_is_empty_where_an_episode_begins():
+    at, episode = torch.tensor([0.0, 2, 0, 2, 0, 0]), torch.tensor([0, 0, 1, 1, 2, 2])
+    walk = WalkWaypoints(at.unsqueeze(1), Nearness(), episode)
+    # Two apart is 1 / 3 alike.
+    assert walk.times(0.5) == [0, 1]
+    assert walk.share(0.5) == 2 / 6
+    assert walk.times(0.5, episodic=True) == [0, 1, 2, 3, 4]
+    # Without those at 2 and 4, which begin an episode.
+    assert walk.share(0.5, episodic=True) == 3 / 6
+    assert walk.share(0.1, episodic=True) == (3 - 2) / 6
+
+
+def test_a_walk_of_one_episode_is_the_same_to_either_memory():
+    for walk in walks(2, 60):
+        for threshold in (0.2, 0.4, 0.6):
+            times = walk.times(threshold, episodic=True)
+            assert times == walk.times(threshold)
+            assert walk.share(threshold, episodic=True) == len(times) / 60
+
+
+def test_views_of_two_episodes_are_no_pair_for_the_reach():
+    table = torch.full((20, 20), 0.8)
+    table[10:, :10] = 0.55  # over the end after ten views
+    sequence, network = Lookup(table).sequence, Lookup(table)
+    given = {"tc_threshold": 0.9, "max_action_distance": 4}
+    # Of 19 + 18 + 17 + 16 pairs 1 + 2 + 3 + 4 lie over the end, a seventh.
+    found = calibrate_reach([WalkWaypoints(sequence, network)], **given)
+    assert found.threshold == pytest.approx(0.55)
+    episode = torch.arange(20) // 10
+    found = calibrate_reach([WalkWaypoints(sequence, network, episode)], **given)
+    assert found.threshold == pytest.approx(0.8)
+
+
+def test_every_observation_has_an_episode():
+    with pytest.raises(
+        ValueError, match=r"episode must be \[3\], a number .*got \[2\]"
+    ):
+        WalkWaypoints(torch.zeros(3, 2), Nearness(), torch.zeros(2))

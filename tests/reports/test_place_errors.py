@@ -63,3 +63,19 @@ def test_twins_elsewhere_are_errors(lane):
     assert found["place_error"] > 0.4
     # Only the last view of each walk looks at the wall: its cell ends half a cell on.
     assert found["far_sighted"] == pytest.approx(22 / 24)
+
+
+def test_views_of_two_episodes_of_a_walk_are_of_two_visits(lane):
+    whole = walk(lambda x: x / 16)
+    frames = whole.frames.reshape(2, 12)
+    frames["next"] = TensorDict({"done": torch.zeros(2, 12, 1).bool()}, [2, 12])
+    frames["next", "done"][:, 1] = True
+    frames = frames[:1]
+    # One walk of 2 + 10 views with nothing but its own: a visit is five decisions. The
+    # first two views are now of another visit than the next four, a cell or two away.
+    alone = HeldOut(whole.frames.reshape(2, 12)[:1].exclude("next"), name="lane")
+    assert errors(lane, alone)["place_error_revisit"] == 1
+    cut = errors(lane, HeldOut(frames, name="lane"))
+    # Views 0 and 1 find 2, which is two cells off or less; 2 and 3 find 1; all later
+    # ones look at least three cells back.
+    assert cut["place_error_revisit"] == pytest.approx(8 / 12)

@@ -8,6 +8,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from tests.cut_walks import one_start, two_rooms
 from tests.models import WORLD, tiny_model
 from tests.training.test_pretraining import settings
 from toponav.builders import engine_world, make_networks
@@ -104,3 +105,37 @@ def test_slots_that_stay_closed_are_walls_to_what_is_measured(
     # Of the twelve cells of the lane the last one is closed.
     assert [int(floor.sum()) for floor in floors] == [11]
     assert not floors[0][lane.slots["a"]]
+
+
+def calibrated(held_out, tc, folder):
+    """The thresholds that a report finds on walks in a world without ground truth."""
+    measured = {"tc_accuracy": 0.5, "tc_auc": 0.5}
+    networks = SimpleNamespace(tc=tc, thresholds={})
+    validate = SimpleNamespace(
+        networks=networks,
+        held_out=[held_out],
+        embed=lambda encoder, views: encoder(views),
+        autocast=nullcontext(),
+        measure=lambda number: measured,
+    )
+    world = SimpleNamespace(layout=None, spec=WORLD)
+    write_reports(folder, validate, [world], settings("pairs.k=3"))
+    return networks.thresholds
+
+
+def test_views_of_two_episodes_are_no_close_pair(tmp_path):
+    found = calibrated(*two_rooms(), tmp_path)
+    # An eighth of 32 views are the four places, at 1 / (1 + exp(-1)).
+    assert found["tc_threshold"] == pytest.approx(0.731, abs=0.001)
+    # Of 8 x (3 + 2 + 1) pairs in a walk, 8 x 2 are of one place and 8 x 4 of two. With
+    # those over 7 ends, 7 x (1 + 2 + 3) more, a tenth would lie below 0.52.
+    assert found["tc_reach"] == pytest.approx(0.6)
+
+
+def test_what_an_earlier_episode_saw_is_new_to_the_reward_but_not_to_the_map(tmp_path):
+    found = calibrated(*one_start(), tmp_path)
+    # At 0.731 the map has 3 waypoints of 200 views; an eighth of them is too many.
+    assert found["tc_threshold"] == pytest.approx(0.731, abs=0.001)
+    # There the reward's memory would have 2 in each episode, (1 + 20) / 200 of the
+    # views without those that begin the other 19. At 0.5 it is 1 + 2, 1.5 %.
+    assert found["reward_threshold"] == 0.5

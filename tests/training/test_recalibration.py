@@ -4,16 +4,21 @@ import copy
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
+from tensordict import TensorDict
 
+from tests.cut_walks import one_start, two_rooms
 from tests.envs import fake_engine
 from tests.exploring import explore_settings, world_of
 from tests.models import tiny_model
 from tests.training.pair_storage import WORLD, make_walks, pair_settings
 from tests.training.test_continued_training import CONFIG
 from toponav.builders import Networks, make_networks
+from toponav.data import HeldOut
 from toponav.envs import ENGINES
 from toponav.graph import WalkWaypoints
 from toponav.keys import NETWORK_PIXELS
@@ -66,7 +71,9 @@ def mean_share(networks: Networks, name: str) -> float:
 
 
 def recalibration(networks: Networks) -> Recalibration:
-    return Recalibration(views(), networks, k=2, autocast=nullcontext())
+    frames = TensorDict({NETWORK_PIXELS: views()}, [2, 40])
+    walks = HeldOut(frames, name="maze1")
+    return Recalibration(walks, networks, k=2, autocast=nullcontext())
 
 
 def test_the_same_walks_keep_as_many_waypoints_by_new_weights() -> None:
@@ -90,6 +97,22 @@ def test_thresholds_that_still_fit_stay() -> None:
     found = recalibration(networks)(networks, networks.thresholds)
     for name in ("tc_threshold", "reward_threshold"):
         assert found[name] == networks.thresholds[name]
+
+
+def test_episodes_that_end_within_a_walk_are_apart() -> None:
+    old = {"tc_threshold": 0.731, "reward_threshold": 0.5, "tc_reach": 0.55}
+
+    def calibrated(walks: HeldOut, tc: Any) -> tuple[dict[str, float], float]:
+        networks: Any = SimpleNamespace(tc=tc, thresholds=old, device="cpu")
+        found = Recalibration(walks, networks, k=3, autocast=nullcontext())
+        return found.shares, found(networks, old)["tc_reach"]
+
+    shares, _ = calibrated(*one_start())
+    # The map has 3 waypoints of 200 views. The reward's memory has 2 in two episodes,
+    # beside the 20 that begin one, of which the first counts: 1 + 2.
+    assert shares == {"tc_threshold": 3 / 200, "reward_threshold": 3 / 200}
+    # Over the ends of 4 views each, a tenth of the close pairs would lie below 0.52.
+    assert calibrated(*two_rooms())[1] == pytest.approx(0.6)
 
 
 def test_networks_without_thresholds_get_none() -> None:
@@ -205,5 +228,6 @@ def test_a_run_that_resumes_sees_the_same_walks() -> None:
     settings = explore_settings(*SMALL)
     world = world_of(settings)
     one, other = (walk_for_calibration(settings, world) for _ in range(2))
-    assert one.shape[:2] == (6, 64)
-    assert torch.equal(one, other)
+    assert (one.num_walks, one.length) == (6, 64)
+    assert torch.equal(one.pixels, other.pixels)
+    assert one.episodes.length.tolist() == [64] * 6

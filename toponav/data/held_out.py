@@ -65,6 +65,11 @@ class HeldOut:
         """Views of all frames, ``[E * T, H, W, 3]``, episode after episode."""
         return read_entry(self.frames, NETWORK_PIXELS)
 
+    @property
+    def episode(self) -> Tensor:
+        """Number of each frame's episode, int64 ``[E * T]``, ascending."""
+        return self.episodes.run_of(torch.arange(len(self.frames)))
+
     def draw(self, rule: DrawRule, num_pairs: int, *, seed: int) -> PairSet:
         """Draw pairs by a rule, such as `TCPairs` or `LPairs`."""
         require_parts(rule, "rule", "TCPairs or LPairs", "draw")

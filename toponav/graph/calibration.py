@@ -53,6 +53,13 @@ class WalkWaypoints:
     Reference:
         The paper, "Topological map", eq. 9 and the text before it.
 
+    Args:
+        embeddings: of the observations.
+        network: what compares them.
+        episode: number of each observation's episode, ``[T]``, where the world ends
+            some within the walk. An ``episodic`` memory, such as the reward's, is empty
+            at the start of each; a map's is not.
+
     Examples:
         >>> class Nearness:
         ...     def prepare_memory(self, memory):
@@ -62,15 +69,27 @@ class WalkWaypoints:
         >>> line = torch.tensor([[0.0], [1.0], [2.0], [3.0], [0.5]])
         >>> WalkWaypoints(line, Nearness()).times(0.4)  # up to 1.5 is the same place
         [0, 2]
+        >>> episode = torch.tensor([0, 0, 0, 0, 1])
+        >>> WalkWaypoints(line, Nearness(), episode).times(0.4, episodic=True)
+        [0, 2, 4]
     """
 
     @torch.no_grad()
-    def __init__(self, embeddings: Tensor, network: Comparing) -> None:
+    def __init__(
+        self, embeddings: Tensor, network: Comparing, episode: Tensor | None = None
+    ) -> None:
         if embeddings.ndim != 2 or not len(embeddings):
             rule = "a sequence must be embeddings [T, D] with T >= 1"
             raise ValueError(f"{rule}, got {tuple(embeddings.shape)}.")
         wanted = ("prepare_memory", "compare_prepared")
         require_parts(network, "network", "a TCNetwork", *wanted)
+        if episode is None:
+            episode = torch.zeros(len(embeddings), dtype=torch.int64)
+        if episode.shape != embeddings.shape[:1]:
+            rule = f"episode must be [{len(embeddings)}], a number an observation"
+            raise ValueError(f"{rule}, got {list(episode.shape)}.")
+        #: Number of each observation's episode.
+        self.episode = episode.cpu().numpy()
         prepared = network.prepare_memory(embeddings)
         later = torch.full((len(embeddings), len(embeddings)), -1.0)
         for begin in range(0, len(embeddings), _CHUNK):
@@ -85,19 +104,28 @@ class WalkWaypoints:
         if np.isnan(self.later).any():
             raise ValueError("similarities must be numbers, got NaN.")
 
-    def times(self, threshold: float) -> list[int]:
+    def times(self, threshold: float, *, episodic: bool = False) -> list[int]:
         """Times of the waypoints, in order."""
         covered = np.zeros(len(self.later), dtype=np.bool_)
         kept: list[int] = []
         for time in range(len(covered)):
             if not covered[time]:
                 kept.append(time)
-                covered |= self.later[time] > threshold
+                alike = self.later[time] > threshold
+                if episodic:
+                    alike &= self.episode == self.episode[time]
+                covered |= alike
         return kept
 
-    def share(self, threshold: float) -> float:
-        """Waypoints per observation, as in Table 1."""
-        return len(self.times(threshold)) / len(self.later)
+    def share(self, threshold: float, *, episodic: bool = False) -> float:
+        """Waypoints per observation, as in Table 1.
+
+        Of an ``episodic`` memory without those that begin a later episode: they are new
+        at any threshold, and where episodes are short no share would be met.
+        """
+        begun = np.count_nonzero(np.diff(self.episode)) if episodic else 0
+        kept = len(self.times(threshold, episodic=episodic))
+        return (kept - begun) / len(self.later)
 
 
 def share_curve(walks: Sequence[WalkWaypoints], thresholds: Sequence[float]) -> Tensor:
@@ -117,13 +145,14 @@ class Calibration:
 
 
 def calibrate_share(
-    walks: Sequence[WalkWaypoints], *, target_share: float
+    walks: Sequence[WalkWaypoints], *, target_share: float, episodic: bool = False
 ) -> Calibration:
     """Choose tc_th, at which random walks keep a share of waypoints, in (0, 1).
 
     Bisection over logits, to within 2 % of the target, or the closest threshold tried:
     near 1, where the answer lies, the share is steep in the probability. Longer walks
-    come back more often: take complete episodes.
+    come back more often: take complete episodes. ``episodic`` says that the memory is
+    empty at the start of each, see `WalkWaypoints`.
 
     Examples:
         >>> from types import SimpleNamespace
@@ -141,7 +170,7 @@ def calibrate_share(
 
     def measure(logit: float) -> Calibration:
         threshold = 1 / (1 + math.exp(-logit))
-        shares = tuple(walk.share(threshold) for walk in walks)
+        shares = tuple(walk.share(threshold, episodic=episodic) for walk in walks)
         return Calibration(threshold, target_share, sum(shares) / len(shares), shares)
 
     def error(found: Calibration) -> float:
@@ -169,21 +198,23 @@ def calibrate_reach(
 ) -> Calibration:
     """Choose tc_re, above which one place counts as reachable from another.
 
-    Nine in ten of all pairs of views at most k (``max_action_distance``) decisions
-    apart pass: an edge means "an agent gets there in k decisions". The paper asks for
-    0.5 < tc_re < tc_th; a value outside is moved 5 % of that interval inside its nearer
-    end, and ``achieved`` then shows the cost. (If tc_th <= 0.5, tc_re = tc_th.)
+    Nine in ten of all pairs of views of an episode that are at most k decisions apart
+    (``max_action_distance``) pass: an edge means "an agent gets there in k decisions".
+    The paper asks for 0.5 < tc_re < tc_th; a value outside is moved 5 % of that
+    interval inside its nearer end, and ``achieved`` then shows the cost. (If tc_th <=
+    0.5, tc_re = tc_th.)
 
     Reference:
         The paper, eqs. 10 and 12; reading 12 of docs/fidelity.md.
     """
     near = [
-        np.diagonal(walk.later, apart)
+        np.diagonal(walk.later, apart)[walk.episode[apart:] == walk.episode[:-apart]]
         for walk in walks
         for apart in range(1, max_action_distance + 1)
     ]
     if not any(map(len, near)):
-        raise ValueError("a walk must hold two observations, got one in each.")
+        rule = "an episode must hold two observations"
+        raise ValueError(f"{rule}, got one in each.")
     similarity = torch.from_numpy(np.concatenate(near))
     floor = min(0.5, tc_threshold)
     margin = 0.05 * (tc_threshold - floor)

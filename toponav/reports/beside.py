@@ -18,8 +18,9 @@ from toponav.envs import end_stray_engines
 
 Result = TypeVar("Result")
 
-#: Fewer decisions take less time than a process of their own needs to start.
-FEW = 20_000
+#: Fewer decisions take less time than a process of their own needs to start: some six
+#: seconds, in which a policy with two mazes makes 2,000, and blind ones 10,000.
+FEW = 5_000
 # What the process says.
 _PROGRESS, _RESULT, _ERROR = "progress", "result", "error"
 # Seconds that it gets to end its engines.

@@ -37,8 +37,8 @@ def place_errors(
     """
     num_views = min(held_out.num_walks, -(-_MEMORY // held_out.length))
     num_views *= held_out.length
-    number = torch.arange(num_views)
-    episode, step = number // held_out.length, number % held_out.length
+    number, episode = torch.arange(num_views), held_out.episode[:num_views]
+    step = number - held_out.episodes.start[episode]
     queries = number[:: max(1, num_views // _QUERIES)]
     tc = validation.networks.tc
     embeddings = validation.embed(tc.encoder, held_out.pixels[:num_views])

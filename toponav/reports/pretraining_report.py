@@ -85,8 +85,7 @@ def write_reports(
     networks of ``validation`` get the thresholds. Returns the measurements by world.
     """
     networks = validation.networks
-    sequences = _embed_sequences(validation)
-    walks = _compare_sequences(validation, sequences)
+    walks = _compare_sequences(validation, _embed_sequences(validation))
     calibrations = _calibrate(networks, walks, config)
     # Ever closer to 1, where the waypoint share is steep, to just above tc_threshold.
     highest = math.log(1 / max(1 - networks.thresholds["tc_threshold"], 1e-6)) + 1
@@ -134,24 +133,27 @@ def write_reports(
     return figures
 
 
-def _embed_sequences(validation: Validation) -> list[Tensor]:
+def _embed_sequences(validation: Validation) -> list[tuple[Tensor, Tensor]]:
+    """Embeddings of some walks, ``[T, D]`` each, and the episode of each view."""
     per_world = max(1, _MAX_SEQUENCES // len(validation.held_out))
-    sequences: list[Tensor] = []
+    sequences: list[tuple[Tensor, Tensor]] = []
     for held_out in validation.held_out:
         num = min(per_world, held_out.num_walks) * held_out.length
         encoder = validation.networks.tc.encoder
         embeddings = validation.embed(encoder, held_out.pixels[:num])
-        sequences += embeddings.split(held_out.length)
+        entries = embeddings, held_out.episode[:num]
+        sequences += zip(*(one.split(held_out.length) for one in entries), strict=True)
     return sequences
 
 
 def _compare_sequences(
-    validation: Validation, sequences: list[Tensor]
+    validation: Validation, sequences: list[tuple[Tensor, Tensor]]
 ) -> list[graph.WalkWaypoints]:
-    def compare(sequence: Tensor) -> graph.WalkWaypoints:
+    def compare(sequence: tuple[Tensor, Tensor]) -> graph.WalkWaypoints:
+        embeddings, episode = sequence
         # A thread enters a context of its own.
         with copy.copy(validation.autocast):
-            return graph.WalkWaypoints(sequence, validation.networks.tc)
+            return graph.WalkWaypoints(embeddings, validation.networks.tc, episode)
 
     # The products are small: a sequence a core is faster than all cores on each.
     with ThreadPoolExecutor(torch.get_num_threads()) as pool, one_thread():
@@ -167,8 +169,9 @@ def _calibrate(
         tc_threshold=found["tc_threshold"].threshold,
         max_action_distance=config.pairs.k,
     )
+    # Where an episode ends the map goes on, and the reward's memory does not.
     found["reward_threshold"] = graph.calibrate_share(
-        walks, target_share=graph.REWARD_SHARE
+        walks, target_share=graph.REWARD_SHARE, episodic=True
     )
     networks.thresholds = {name: one.threshold for name, one in found.items()}
     return found
