@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.utils._pytree import tree_map_only
 from torchrl.collectors import Collector, MultiAsyncCollector
 
+from toponav.collectors.patience import Patience
 from toponav.keys import ENV_ID
 
 #: What is published: a module (parameters and persistent buffers), or tensors by name.
@@ -78,10 +79,11 @@ class Mailbox:
     def pull(self, name: str, module: Weights, *, timeout_s: float = 60.0) -> int:
         """Copy the newest weights into a module on any device; returns their version.
 
-        MailboxError if the module does not fit, or none is complete in ``timeout_s``.
+        MailboxError if the module does not fit, or none is complete in ``timeout_s`` of
+        waiting.
         """
         target = self._matching(name, module)
-        stamp, deadline = self._stamps[name], time.monotonic() + timeout_s
+        stamp, patience = self._stamps[name], Patience(timeout_s)
         while True:
             before = int(stamp)
             if not before & _WRITING:
@@ -90,7 +92,7 @@ class Mailbox:
                         target[key].copy_(slot)
                 if int(stamp) == before:
                     return before // 2
-            if time.monotonic() > deadline:
+            if patience.is_over():
                 raise MailboxError(
                     f"'{name}' must be complete within {timeout_s:g} s, got "
                     f"none after version {before // 2}"

@@ -11,6 +11,7 @@ from tensordict import TensorDictBase
 from torchrl.collectors.distributed import RayCollector
 from tqdm import tqdm
 
+from toponav.collectors.patience import Patience
 from toponav.collectors.prepared_collector import PreparedCollector
 from toponav.keys import TRAJECTORY
 
@@ -24,6 +25,8 @@ except ImportError:  # the settings are refused before anything here is used
 _WORKER = {"num_cpus": 1, "scheduling_strategy": "SPREAD"}
 # A worker that dies so often without a batch in between does it by itself.
 _MOST_DEATHS = 3
+# Seconds after which who waits for workers asks whether it has waited too long.
+_ASK_EVERY_S = 1.0
 # Seconds in which workers close their environments before they are killed.
 _CLOSE_S = 10.0
 # Seconds in which what a worker has made must come; what a dead machine made does not.
@@ -188,14 +191,17 @@ class LastingRayCollector(RayCollector):
 
     def _wait(self, references: list[Any], num: int) -> list[Any]:
         """The first ``num`` that are done; TimeoutError if they take too long."""
-        # Not until they are here: it would wait for what a dead machine has made, which
-        # never comes, and not for what others make meanwhile.
-        done, _ = ray.wait(
-            references, num_returns=num, timeout=self.max_idle_s, fetch_local=False
-        )
-        if len(done) < num:
-            raise TimeoutError
-        return list(done)
+        patience = Patience(self.max_idle_s)
+        done: list[Any] = []
+        while len(done) < num:
+            if patience.is_over():
+                raise TimeoutError
+            # Not until they are here: it would wait for what a dead machine has made,
+            # which never comes, and not for what others make meanwhile.
+            done, _ = ray.wait(
+                references, num_returns=num, timeout=_ASK_EVERY_S, fetch_local=False
+            )
+        return done
 
     def shutdown(
         self, timeout: float | None = None, shutdown_ray: bool = True, **_: Any

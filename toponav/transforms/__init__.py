@@ -29,4 +29,5 @@ from toponav.transforms.smaller_views import (
     AreaDownsample as AreaDownsample,
     PolicyPixels as PolicyPixels,
 )
+from toponav.transforms.specs import SeesLastViews as SeesLastViews
 from toponav.transforms.waypoint_memory import WaypointMemory as WaypointMemory

@@ -142,6 +142,7 @@ class Coverage(EpisodeMemory, KeyedTransform):
         return ~seen & open_now.gather(-1, index)
 
     def transform_output_spec(self, output_spec: Composite) -> Composite:
+        self.require_last_views()
         # Asking `parent` for specs would compute those of all earlier transforms again.
         output_spec = output_spec.clone()
         observations = output_spec["full_observation_spec"]

@@ -10,7 +10,12 @@ from tensordict.nn import dispatch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs.transforms import Transform
+from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.envs.transforms import (
+    AutoResetTransform,
+    Transform,
+    VecGymEnvTransform,
+)
 
 from toponav.keys import WRITERS, read_entry
 from toponav.parts import needs_env
@@ -159,7 +164,61 @@ class ResizableBuffers:
         super()._load_from_state_dict(state_dict, prefix, *args)  # type: ignore[misc]
 
 
-class EpisodeMemory(ResizableBuffers):
+class SeesLastViews:
+    """Mixin of transforms that read what an episode ends with: some envs lose it.
+
+    They begin the next episode in the same step, and hand over zeros, or something of
+    the new episode, as the end of the last one.
+    """
+
+    def transform_output_spec(self, output_spec: Composite) -> Composite:
+        self.require_last_views()
+        return super().transform_output_spec(output_spec)  # type: ignore[misc]
+
+    def require_last_views(self) -> None:
+        """ValueError if the env loses what its episodes end with."""
+        transform: Any = self
+        try:
+            env = transform.container
+        except ValueError:  # it is in a `Compose` that is in no env
+            return
+        if lost := _lost_ends(env):
+            raise self._refusal(*lost)
+
+    def _reset_on_native_autoreset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        raise self._refusal("native_autoreset must be False", "True")
+
+    def _refusal(self, rule: str, got: str) -> ValueError:
+        who = f"{type(self).__name__}, which must see how episodes end"
+        return ValueError(f"{rule} for {who}, got {got}")
+
+
+def _lost_ends(env: EnvBase | None) -> tuple[str, str] | None:
+    """What must be set for an env to show how episodes end, and what is; or None."""
+    while isinstance(env, TransformedEnv):
+        transforms, env = env.transform.modules(), env.base_env
+        for part in transforms:
+            if isinstance(part, AutoResetTransform):
+                return "auto_reset must be False", "True"
+            if isinstance(part, VecGymEnvTransform) and not part.native_autoreset:
+                mode = getattr(getattr(env, "autoreset_mode", None), "name", "None")
+                if mode != "SAME_STEP" or not _finds_last_view(env):
+                    return "autoreset_mode must be DISABLED", mode
+    return None
+
+
+def _finds_last_view(env: EnvBase) -> bool:
+    """Whether TorchRL finds what a vector env observes at the end of an episode.
+
+    It does if that is the only observation, and if TorchRL calls it ``observation``.
+    """
+    several = isinstance(env.single_observation_space, Mapping)
+    return "observation" in list(env.observation_spec) and not several
+
+
+class EpisodeMemory(SeesLastViews, ResizableBuffers):
     """Mixin of transforms that remember of each episode what they have seen of it."""
 
     def clone(self) -> Self:
@@ -168,12 +227,6 @@ class EpisodeMemory(ResizableBuffers):
         for name in ("_buffers", "_modules"):
             setattr(copied, name, deepcopy(getattr(self, name)))
         return copied
-
-    def _reset_on_native_autoreset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        rule = f"native_autoreset must be False for {type(self).__name__}"
-        raise ValueError(f"{rule}, which must see how episodes end, got True")
 
 
 class GrowingSlots(EpisodeMemory):

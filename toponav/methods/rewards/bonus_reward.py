@@ -10,9 +10,10 @@ from torchrl.envs.transforms import Transform
 
 from toponav.keys import INTRINSIC_REWARD
 from toponav.parts import needs_env
+from toponav.transforms import SeesLastViews
 
 
-class BonusReward(Transform):
+class BonusReward(SeesLastViews, Transform):
     """Writes the intrinsic reward of each decision, float32 ``[*B, 1]``, in `_step`."""
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -11,11 +11,11 @@ from torchrl.envs.transforms import Transform
 from toponav.keys import FRAME_STACK, PIXELS, POLICY_PIXELS, read_entry
 from toponav.methods.rewards.rnd import LUMA
 from toponav.parts import needs_env
-from toponav.transforms import PolicyPixels
+from toponav.transforms import PolicyPixels, SeesLastViews
 from toponav.views import ChannelOrder, as_given, channels_last
 
 
-class GreyStack(Transform):
+class GreyStack(SeesLastViews, Transform):
     """Writes the last views of an episode, small and grey; black before its first one.
 
     They ride in the tensordict: the newest is last, and a step adds to those before.
