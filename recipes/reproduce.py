@@ -91,9 +91,10 @@ def main(settings: ReproduceConfig, _: Path) -> None:
         for sentence in (*best, *experiment.remarks, *untested, *chosen, *missing)
     )
     heading = f"# {experiment.title}\n\n"
-    write_text(path.with_suffix(".md"), f"{heading}{markdown}\n{below}".rstrip() + "\n")
-    write_text(path.with_suffix(".csv"), reports.experiment_csv(table))
-    save_figure(figure, path.with_suffix(".png"))
+    text = f"{heading}{markdown}\n{below}".rstrip()
+    write_text(Path(f"{path}.md"), f"{text}\n")
+    write_text(Path(f"{path}.csv"), reports.experiment_csv(table))
+    save_figure(figure, f"{path}.png")
     print(f"{markdown}\nwritten to {path}.md, .csv and .png")
     for sentence in missing:
         print(sentence, file=sys.stderr)

@@ -12,8 +12,8 @@ from omegaconf import OmegaConf
 
 from tests.forked import run_forked
 from toponav.config import SettingsError
-from toponav.launch import named_folder, resumed_arguments
-from toponav.launch.folders import log_in_own_folder
+from toponav.launch import folder_name, named_folder, resumed_arguments
+from toponav.launch.folders import folder_setting, log_in_own_folder
 
 RECIPES = Path(__file__).parent.parent / "recipes"
 
@@ -176,3 +176,19 @@ def test_the_log_of_a_sweep_is_opened_where_there_is_no_job(
     )
     logging.getLogger().handlers.pop().close()
     assert file.is_file()
+
+
+def test_a_long_name_fits_in_bytes_too() -> None:
+    # 95 letters of two bytes each: 190 of 255, and a digest that tells it from others.
+    folders = [f"init_from=/{'п' * 95}/{'п' * 95}/{seed}" for seed in "ab"]
+    names = [folder_name(one) for one in folders]
+    assert all(len(name.encode()) <= 200 for name in names)
+    assert len({*names}) == 2
+    short = f"init_from=/{'п' * 90}"
+    assert folder_name(short) == f"init_from=-{'п' * 90}"
+
+
+@pytest.mark.parametrize("word", ["resume=", "resume=''", "resume=null"])
+def test_who_resumes_nothing_names_the_folder_by_its_own_setting(word: str) -> None:
+    assert folder_setting([word], sweep=False) == "hydra.run.dir"
+    assert folder_setting([word, "resume=runs/one"], sweep=False) == "resume"

@@ -70,3 +70,13 @@ def test_a_table_is_made_and_not_made_again(tmp_path: Path) -> None:
     done = run_forked("reproduce", *words, "make=false", cwd=tmp_path)
     assert "table3: all 1 runs are there" in done.stderr
     assert (tmp_path / "out/table3.csv").read_text() == before
+
+
+@pytest.mark.slow
+def test_a_name_with_a_dot_is_the_name_of_its_files(tmp_path: Path) -> None:
+    words = ["scale=smoke", "rows=[random reward]", "folder=out", "make=false"]
+    done = run_forked("reproduce", *words, "experiment.name=table3.5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "out").glob("*.*")} == {
+        f"table3.5.{kind}" for kind in ("csv", "md", "png")
+    }

@@ -90,6 +90,13 @@ def test_a_map_without_walks_or_poses_stays_as_it_is() -> None:
     assert torch.equal(topological_map.edges, state["edges"])
 
 
+def test_views_without_a_step_between_them_stay_as_they_are() -> None:
+    topological_map, _ = grown(2, length=1)
+    found = consolidate(topological_map, EFFECTS, RULES, **LIMITS)
+    assert found.poses is None
+    assert topological_map.num_waypoints == len(found.kept) > 0
+
+
 def test_walks_go_on_after_a_resume() -> None:
     whole, _ = grown(1, length=200, ends=False)
     assert whole.walks is not None

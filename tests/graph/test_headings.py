@@ -192,3 +192,33 @@ def test_of_episodes_that_begin_together_one_has_the_maps_direction():
     for part in torch.stack([first, second]).split(50, 1):
         grown.extend(part)
     assert grown.waypoints.headings.tolist() == [0.0, 90.0, 180.0, 270.0] * 11
+
+
+def test_a_map_that_lost_its_first_episode_takes_the_direction_of_the_next():
+    # The first view waits for 16 more, which do not come.
+    grown = make_map(surroundings=16)
+    grown.extend(walk((0, 0), (AHEAD, AHEAD), env=0)[None, :1])
+    grown.end_episodes([0])
+    grown.extend(walk((0, 50), (AHEAD, AHEAD), env=0)[None])
+    assert grown.waypoints.headings.tolist() == [0.0, 0.0]
+
+
+def test_a_map_that_became_empty_takes_a_new_direction():
+    grown = make_map()
+    empty = grown.state_dict()
+    for _ in range(2):
+        assert grown.add_episode(walk((0, 50), (LEFT, AHEAD))).tolist() == [0, 1]
+        assert grown.waypoints.headings.tolist() == [0.0, 90.0]
+        grown.load_state_dict(empty)
+
+
+def test_after_a_resume_one_episode_has_the_maps_direction():
+    begun, resumed = make_map(surroundings=16), make_map(surroundings=16)
+    # No view of the first agent is decided yet, when the run is cut off.
+    begun.extend(corridor(0, 99, env=0)[None, :9])
+    resumed.load_state_dict(begun.state_dict())
+    resumed.resume_episodes(begun.running_episodes())
+    # The second one waits until its views are on the map.
+    resumed.extend(corridor(1, 99, env=1)[None, :9])
+    tracks = resumed.running_episodes()["tracks"]
+    assert [track["oriented"] for track in tracks] == [True, False]

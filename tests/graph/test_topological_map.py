@@ -209,6 +209,18 @@ def test_each_environment_goes_on_where_it_was() -> None:
     ]
 
 
+def test_a_whole_episode_does_not_go_on_from_what_is_unfinished() -> None:
+    # Two views wait for more around them, and a whole episode of the same environment
+    # comes, as far from them as can be.
+    topological_map = make_map(window=2)
+    walk = episode(0, 0, 0, 0, env=0)
+    topological_map.extend(walk[None, :3])
+    assert topological_map.add_episode(episode(100, 100)).tolist() == [1, 1]
+    assert topological_map.edges.tolist() == []
+    # The first was seen before three, and the second after them.
+    assert topological_map.waypoints.origins.tolist() == [[0, 0], [0, 3]]
+
+
 def test_nothing_joins_two_episodes_nor_both_sides_of_a_respawn() -> None:
     one, two = episode(0, 30, env=0), episode(60, 90, env=0)
     topological_map = make_map(edges="time")
@@ -321,6 +333,17 @@ def test_the_state_goes_from_map_to_map() -> None:
         for one in (topological_map, other)
     ]
     assert both[0] == both[1] == [2, 3]
+
+
+def test_another_map_of_the_same_version_is_a_change() -> None:
+    # Both have counted two waypoints and an edge.
+    topological_map, other = make_map(), make_map()
+    topological_map.add_episode(episode(0, 20))
+    other.add_episode(episode(40, 60))
+    before = topological_map.version
+    assert other.version == before
+    topological_map.load_state_dict(other.state_dict())
+    assert topological_map.version != before
 
 
 @pytest.mark.parametrize(

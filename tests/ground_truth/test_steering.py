@@ -95,3 +95,12 @@ def test_point_ahead_of_a_path_that_goes_nowhere_is_its_point():
     path = torch.full((1, 4, 2), 64.0)
     found = point_ahead(path, torch.tensor([[9.0, 9.0]]), cell_size=128, lookahead=160)
     assert found.tolist() == [[64.0, 64.0]]
+
+
+def test_it_goes_straight_on_where_actions_go_aslant_too():
+    # The first one goes ahead and to the left at once, and turns no more than the last.
+    actions = ("aslant", *WORLD.actions)
+    effects = (Effect(ahead=9.0, left=9.0), *WORLD.motion.effects)
+    motion = replace(WORLD.motion, effects=effects)
+    steering = Steering(replace(WORLD, actions=actions, motion=motion))
+    assert actions[steering.ahead] == "forward"

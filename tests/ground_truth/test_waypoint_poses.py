@@ -47,6 +47,12 @@ def test_after_a_merge_the_first_of_each_is_where_it_is() -> None:
     assert poses.values.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
+def test_a_map_without_waypoints_has_nothing_to_merge() -> None:
+    poses = WaypointPoses()
+    poses.merge(torch.empty(0, dtype=torch.int64))
+    assert poses.values.shape == (0, 3)
+
+
 def test_a_batch_without_positions_is_refused_in_words() -> None:
     said = refused(lambda: WaypointPoses().remember(TensorDict(batch_size=[2, 3])))
     assert "position" in said

@@ -87,7 +87,8 @@ def consolidate(
     require_parts(topological_map, "topological_map", "a TopologicalMap", *wanted)
     waypoints, walks = topological_map.waypoints, _known(topological_map)
     unchanged = Consolidation(torch.arange(len(waypoints)))
-    if len(walks) == 0 or not len(waypoints):
+    steps = sum(len(walk.actions) - 1 for walk in walks)
+    if not steps or not len(waypoints):
         return unchanged
     poses = estimate_poses(
         walks, effects, waypoints.compare, waypoints.entries_of, rules, progress

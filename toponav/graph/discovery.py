@@ -43,8 +43,6 @@ class Discovery:
         self.rules = rules
         self._tracks: dict[int, Track] = {}
         self._counts: dict[int, int] = {}
-        # Whether an episode gave the map its direction.
-        self._has_direction = False
 
     def forget(self, envs: Iterable[int] | None = None) -> None:
         """Drop the unfinished episodes of environments, or all."""
@@ -86,7 +84,7 @@ class Discovery:
         return places
 
     def _add_side_by_side(self, pieces: Sequence[Piece]) -> list[Track]:
-        tracks = []
+        tracks = list[Track]()
         for piece in pieces:
             track = self._tracks.pop(piece.env, None) or Track(
                 env=piece.env,
@@ -99,7 +97,7 @@ class Discovery:
             )
             track.append(piece, self.rules.lookahead)
             if not track.oriented:
-                self._orient(track)
+                self._orient(track, [*self._tracks.values(), *tracks])
             self._counts[piece.env] = track.number + len(track.frames)
             tracks.append(track)
         while due := [track for track in tracks if track.cursor < track.stop]:
@@ -114,20 +112,21 @@ class Discovery:
                 self._tracks[piece.env] = track
         return tracks
 
-    def _orient(self, track: Track) -> None:
+    def _orient(self, track: Track, others: Sequence[Track]) -> None:
         """Find which way a track's first frame looks; until then nothing is decided."""
         known = self.waypoints.headings
         if self.rules.turn_tolerance is None or bool(track.headings[:1].isnan().any()):
             track.headings, track.oriented = track.headings * torch.nan, True
-        elif bool(known.isnan().all()) and (len(known) or not self._has_direction):
-            # The first episode has the map's direction.
+        elif bool(known.isnan().all()) and (
+            len(known) or not any(other.oriented for other in others)
+        ):
+            # The first episode has the map's direction, waypoints or not.
             track.orient(0.0)
         elif (offset := agreed_angle(self._votes_for_offset(track))) is not None:
             track.orient(offset)
         if not track.oriented:
             track.places = [-1] * (len(track.frames) if track.ends else 0)
             track.stop = track.cursor
-        self._has_direction |= track.oriented
 
     def _votes_for_offset(self, track: Track) -> Tensor:
         """Degrees by which similar waypoints' headings are larger, one of each."""

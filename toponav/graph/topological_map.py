@@ -165,7 +165,8 @@ class TopologicalMap:
 
         Those that a full map has no waypoint for have -1. A flat batch of several
         episodes, ``[E * T]``, is cut where ``("next", "done")`` or the collectors'
-        ``("collector", "traj_ids")`` say that one ends.
+        ``("collector", "traj_ids")`` say that one ends. What `extend` left unfinished
+        of its environment ends before it.
         """
         if data.batch_dims != 1 or not len(data):
             raise ValueError(f"an episode must be [T >= 1], got {list(data.shape)}")
@@ -204,6 +205,8 @@ class TopologicalMap:
             turns=turns,
             with_actions=self.walks is not None,
         )
+        if whole:
+            self.end_episodes({piece.env for piece in pieces})
         if self.walks is not None:
             self.walks.extend(pieces)
         return pieces

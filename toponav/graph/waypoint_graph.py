@@ -167,12 +167,14 @@ class WaypointGraph:
     def load_state_dict(self, state: Mapping[str, Any], num_waypoints: int) -> None:
         """Replace all waypoints and edges by those of a `state_dict`."""
         check_edges(state["edges"], num_waypoints)
+        before = self.version
         self._clear(num_waypoints)
         rows = zip(*(state[name].tolist() for name in _ARRAYS), strict=True)
         for (one, other), counts, similarity in rows:
             counts = counts if one < other else counts[::-1]
             self._graph.add_edge(one, other, traversals=counts, similarity=similarity)
-        self.version = state["version"]
+        # Another map may have counted as many changes.
+        self.version = state["version"] + (0 < before == state["version"])
 
     def neighbours(self, waypoint: int) -> list[int]:
         """Numbers of the waypoints that an edge joins with this one, in order."""

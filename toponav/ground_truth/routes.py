@@ -168,7 +168,11 @@ class Steering:
         self.motion = require_motion(world)
         # By whether it goes ahead or stays, and turns right (-1), not, or left (1).
         first: dict[tuple[bool, int], int] = {}
-        for number, (ahead, left, turn) in enumerate(self.motion.effects):
+        # What goes straight on comes before what goes aslant.
+        effects = sorted(
+            enumerate(self.motion.effects), key=lambda one: abs(one[1].left)
+        )
+        for number, (ahead, left, turn) in effects:
             if ahead > 0 or ahead == left == 0:
                 first.setdefault((ahead > 0, (turn > 0) - (turn < 0)), number)
         if (True, 0) not in first or {side for _, side in first} != {-1, 0, 1}:

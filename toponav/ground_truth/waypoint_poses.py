@@ -54,7 +54,8 @@ class WaypointPoses:
 
     def merge(self, numbers: Tensor) -> None:
         """Keep the first pose of those that became one, by their new numbers."""
-        first = torch.full((int(numbers.max()) + 1,), len(numbers))
+        num_kept = int(numbers.max()) + 1 if len(numbers) else 0
+        first = torch.full((num_kept,), len(numbers))
         first.scatter_reduce_(0, numbers, torch.arange(len(numbers)), "amin")
         self.values = self.values[first]
 

@@ -11,7 +11,7 @@ from toponav.config import RECIPES, SettingsError, read_yaml, require
 from toponav.methods import METHODS
 from toponav.refusals import leaves, settings_of
 
-#: Most characters of the name of a sweep's folder; file systems allow 255 bytes.
+#: Most bytes of the name of a sweep's folder; file systems allow 255.
 _LONGEST_NAME = 200
 #: Hydra's flags that have a value.
 _FLAGS = (
@@ -32,9 +32,11 @@ def folder_name(overrides: str) -> str:
     """
     bare = re.sub(r"[][{}$'\"\\]", "", overrides)
     name = re.sub(r"[^\w.,=+-]+", "-", bare)
-    if len(name) > _LONGEST_NAME:
+    if len(name.encode()) > _LONGEST_NAME:
         digest = hashlib.sha256(overrides.encode()).hexdigest()[:8]
-        name = f"{name[: _LONGEST_NAME - 9]}-{digest}"
+        # Letters may take several bytes: half of one is left out.
+        begin = name.encode()[: _LONGEST_NAME - 9].decode(errors="ignore")
+        name = f"{begin}-{digest}"
     return name
 
 

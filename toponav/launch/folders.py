@@ -32,7 +32,8 @@ _SAVED = ("config.yaml", "hydra.yaml", "overrides.yaml")
 
 def folder_setting(words: Sequence[str], *, sweep: bool) -> str:
     """The setting that says where a run writes, for a command line."""
-    if any(word.startswith("resume=") and word[7:] != "null" for word in words):
+    given = [word[7:].strip("'\"") for word in words if word.startswith("resume=")]
+    if any(folder not in ("", "null") for folder in given):
         return "resume"
     return "hydra.sweep.dir" if sweep else "hydra.run.dir"
 

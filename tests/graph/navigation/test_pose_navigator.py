@@ -276,6 +276,18 @@ def test_an_agent_that_is_told_its_waypoint_believes_in_poses_around_it() -> Non
     assert (elsewhere[8, :2] - POSES[8, :2]).norm() > 3
 
 
+def test_who_is_told_no_place_goes_by_its_view() -> None:
+    # Two agents in one place, of which one is told where.
+    told = ("privileged", "place")
+    navigator = make(place_key=told)
+    poses, goals = [POSES[8].tolist()] * 2, [POSES[20, :2].tolist()] * 2
+    data = reading(poses, goals, begins=True)
+    found = navigator(data.set(told, torch.tensor([[8], [-1]])))
+    assert found[PLACE].flatten().tolist()[0] == 8
+    away = (navigator._pose[:, :2] - POSES[8, :2]).norm(dim=1)
+    assert away.tolist() == pytest.approx([0, 0], abs=1)
+
+
 def test_it_acts_by_what_its_view_says_is_free() -> None:
     # A waypoint's pose, and the goal at the next corner, straight ahead or not.
     told, free = ("privileged", "place"), torch.full((1, 13, 12), 9.0)

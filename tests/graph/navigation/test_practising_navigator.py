@@ -181,6 +181,15 @@ def test_edges_are_what_was_walked() -> None:
     assert sum(bool(data[keys.REACHED]) for data in found[-120:]) >= 1
 
 
+def test_a_map_without_edges_gives_no_trials() -> None:
+    known = make().map
+    alone = replace(known, edges=known.edges[:0], edge_cost=known.edge_cost[:0])
+    navigator = practising(map=alone)
+    found = walk(navigator, 3)
+    assert navigator.trials.tried.shape == (0, 2)
+    assert {0, 1, 2} >= {int(data[keys.ACTION]) for data in found}
+
+
 def test_edges_may_cost_more_on_the_way_back() -> None:
     known = make().map
     both = torch.stack([known.edge_cost] * 2, 1)

@@ -175,6 +175,8 @@ class TrialWatch:
 
         ``gave_up``, bool ``[N]``: who closed edges in it, and has a new plan.
         """
+        if not len(self.trials.edges):
+            return
         # A new plan, such as over edges that opened, has another cost for the same way.
         is_same = gave_up | (plans.num_plans == self._plan)
         on_trial, left = (self._number >= 0) & is_same, plans.cost(place)

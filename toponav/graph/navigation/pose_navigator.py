@@ -7,7 +7,6 @@ from typing import Any, Self
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torch.nn.functional import one_hot
 
 from toponav.graph.navigation.free_way import aim_where_free
 from toponav.graph.navigation.localiser import Map
@@ -207,11 +206,12 @@ class PoseNavigator(Navigator):
         self._aside[agents] = 0
 
     def _locate(self, embedding: Tensor, data: TensorDictBase) -> Tensor:
-        if self.place_key is None:
-            chance = self._chances(embedding)
-        else:
-            given = data[self.place_key].reshape(-1).cpu()
-            chance = one_hot(given, len(self.known.poses)).float()
+        chance = self._chances(embedding)
+        if self.place_key is not None:
+            given = data[self.place_key].reshape(-1, 1).cpu()
+            sure = torch.zeros_like(chance).scatter_(1, given.clamp(min=0), 1.0)
+            # Where nobody tells its place, its view does.
+            chance = torch.where(given >= 0, sure, chance)
         offsets = self._offsets(embedding)
         self.belief.update(self.sampler.last_action, chance, offsets)
         self._pose = self.belief.estimate()
