@@ -19,6 +19,7 @@ from toponav.builders import (
     collect_frames,
     processes,
 )
+from toponav.collectors import patience
 from toponav.config import PretrainConfig
 from toponav.envs import DEFAULT_ENGINE, MazeEnv, load_engine
 from toponav.worlds import WorldSpec
@@ -176,7 +177,8 @@ def test_processes_that_were_stopped_with_all_of_the_run_go_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     killed, queue = [], StoppedQueue([0], 0)
-    monkeypatch.setattr(processes, "time", queue.clock)
+    for module in (processes, patience):
+        monkeypatch.setattr(module, "time", queue.clock)
     monkeypatch.setattr(processes, "_kill_children", lambda: killed.append(1))
     next(collect_batches(queue, max_idle_s=60))
     assert not killed

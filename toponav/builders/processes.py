@@ -17,6 +17,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.collectors import BaseCollector, MultiSyncCollector
 
+from toponav.collectors import Patience
 from toponav.config import SettingsError, TrainingError
 from toponav.envs import EngineError, end_stray_engines
 
@@ -227,13 +228,9 @@ def _watched(max_idle_s: float) -> Iterator[None]:
     done, hung = threading.Event(), threading.Event()
 
     def watch() -> None:
-        idle, before = 0.0, time.monotonic()
+        patience = Patience(max_idle_s)
         while not done.wait(1.0):
-            # A second that took far longer was none of waiting: all of them were
-            # stopped, as by Ctrl-Z.
-            now = time.monotonic()
-            idle, before = idle + min(now - before, 2.0), now
-            if idle > max_idle_s:
+            if patience.is_over():
                 hung.set()
                 _kill_children()
             end_stray_engines()

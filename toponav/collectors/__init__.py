@@ -7,6 +7,7 @@ from toponav.collectors.mailbox import (
     PatientAsyncCollector as PatientAsyncCollector,
     Subscription as Subscription,
 )
+from toponav.collectors.patience import Patience as Patience
 from toponav.collectors.prepared_collector import (
     PreparedCollector as PreparedCollector,
 )
