@@ -1,6 +1,5 @@
 """`ActorCritic`: the explorer's recurrent policy and value, and its `EpisodicLSTM`."""
 
-from itertools import pairwise
 from typing import Any, Literal, get_args
 
 import torch
@@ -29,9 +28,9 @@ NEXT_MEMORY_CELL: NestedKey = ("next", *keys.MEMORY_CELL)
 class EpisodicLSTM(nn.Module):
     """LSTM layers over slices, their state zeroed where ``is_init`` is set.
 
-    Acting calls `step`, training the module, which splits a slice where any of its rows
-    begins an episode, for torch's fused kernel. The states of all layers lie in one
-    tensor, the first layer's first; the output is the last one's.
+    Acting calls `step`, training the module, for torch's fused kernel: what follows the
+    start of an episode within a slice is a row of its own there. The states of all
+    layers lie in one tensor, the first layer's first; the output is the last one's.
 
     Args:
         input_dim: length D of what is read.
@@ -42,9 +41,8 @@ class EpisodicLSTM(nn.Module):
         >>> lstm = EpisodicLSTM(8, 16)
         >>> state = (torch.zeros(4, 16), torch.zeros(4, 16))
         >>> is_init = torch.zeros(4, 20, dtype=torch.bool)
-        >>> outputs, state = lstm(torch.zeros(4, 20, 8), state, is_init)
-        >>> outputs.shape, state[0].shape
-        (torch.Size([4, 20, 16]), torch.Size([4, 16]))
+        >>> lstm(torch.zeros(4, 20, 8), state, is_init).shape
+        torch.Size([4, 20, 16])
     """
 
     def __init__(
@@ -67,22 +65,40 @@ class EpisodicLSTM(nn.Module):
         hidden, cell = (torch.cat(parts, -1) for parts in zip(*after, strict=True))
         return hidden, cell
 
-    def forward(
-        self, inputs: Tensor, state: State, is_init: Tensor
-    ) -> tuple[Tensor, State]:
-        """Outputs ``[N, T, H]`` of a slice ``[N, T, D]``, and the state after it."""
-        inner = is_init[:, 1:].any(0).nonzero().flatten().add(1).tolist()
-        bounds = [0, *inner, inputs.shape[1]]
-        outputs = []
-        for start, stop in pairwise(bounds):
-            before = tuple(
-                torch.stack(one.chunk(self.layers, -1))
-                for one in _restart(state, is_init[:, start])
-            )
-            piece, (hidden, cell) = self.lstm(inputs[:, start:stop], before)
-            state = torch.cat(tuple(hidden), -1), torch.cat(tuple(cell), -1)
-            outputs.append(piece)
-        return outputs[0] if len(outputs) == 1 else torch.cat(outputs, 1), state
+    def forward(self, inputs: Tensor, state: State, is_init: Tensor) -> Tensor:
+        """Outputs ``[N, T, H]`` of a slice ``[N, T, D]``, from the state before it."""
+        rows, starts = is_init[:, 1:].nonzero().unbind(1)
+        starts = starts + 1
+        hidden, cell = _restart(state, is_init[:, 0])
+        if len(rows) == 0:
+            return self._run(inputs, hidden, cell)
+        num, length = is_init.shape
+        steps = torch.arange(length, device=is_init.device)
+        # What is read past the slice's end is repeated, and what it brings not used.
+        read = (starts.unsqueeze(1) + steps).clamp_(max=length - 1)
+        later = _pick(inputs, rows.unsqueeze(1) * length + read)
+        zeros = hidden.new_zeros(len(rows), self.state_dim)
+        hidden, cell = torch.cat([hidden, zeros]), torch.cat([cell, zeros])
+        outputs = self._run(torch.cat([inputs, later]), hidden, cell)
+        # The row that a decision is in now, and where it began.
+        row, begun = torch.zeros(2, num, length, dtype=torch.int64, device=rows.device)
+        row[:, 0] = torch.arange(num, device=rows.device)
+        row[rows, starts] = torch.arange(num, num + len(rows), device=rows.device)
+        begun[rows, starts] = starts
+        # Both grow along a slice.
+        row, begun = row.cummax(1).values, begun.cummax(1).values
+        return _pick(outputs, row * length + steps - begun)
+
+    def _run(self, inputs: Tensor, hidden: Tensor, cell: Tensor) -> Tensor:
+        states = (torch.stack(one.chunk(self.layers, -1)) for one in (hidden, cell))
+        outputs: Tensor = self.lstm(inputs, tuple(states))[0]
+        return outputs
+
+
+def _pick(slices: Tensor, places: Tensor) -> Tensor:
+    """Decisions of slices ``[N, T, D]``, by places ``[M, T]`` among all N T of them."""
+    picked: Tensor = slices.flatten(0, 1).index_select(0, places.flatten())
+    return picked.reshape(*places.shape, -1)
 
 
 def _restart(state: State, is_init: Tensor) -> State:
@@ -274,7 +290,7 @@ class ActorCritic(TensorDictModuleBase):
         inputs = self._lstm_inputs(tensordict).unflatten(0, (-1, shape[-1]))
         state = self._state(tensordict[..., 0])
         is_init = read_entry(tensordict, keys.IS_INIT).reshape(-1, shape[-1])
-        outputs: Tensor = self.lstm(inputs, state, is_init)[0]
+        outputs: Tensor = self.lstm(inputs, state, is_init)
         return outputs.reshape(*shape, -1)
 
     @torch.no_grad()

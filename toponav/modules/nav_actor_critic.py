@@ -31,9 +31,8 @@ class StackedLSTM(nn.Module):
         >>> lstm = StackedLSTM(8, other_dim=3, first_dim=4, hidden_dim=16)
         >>> state = (torch.zeros(5, 20), torch.zeros(5, 20))
         >>> inputs, is_init = torch.zeros(5, 7, 8 + 1 + 3), torch.zeros(5, 7).bool()
-        >>> outputs, state = lstm(inputs, state, is_init)
-        >>> outputs.shape, state[0].shape
-        (torch.Size([5, 7, 16]), torch.Size([5, 20]))
+        >>> lstm(inputs, state, is_init).shape
+        torch.Size([5, 7, 16])
     """
 
     def __init__(
@@ -53,15 +52,12 @@ class StackedLSTM(nn.Module):
         second = self.second.step(self._join(inputs, first[0]), later, is_init)
         return torch.cat([first[0], second[0]], -1), torch.cat([first[1], second[1]], 1)
 
-    def forward(
-        self, inputs: Tensor, state: State, is_init: Tensor
-    ) -> tuple[Tensor, State]:
-        """Outputs ``[N, T, H]`` of a slice, ``[N, T, D]``, and the state after it."""
+    def forward(self, inputs: Tensor, state: State, is_init: Tensor) -> Tensor:
+        """Outputs ``[N, T, H]`` of a slice ``[N, T, D]``, from the state before it."""
         earlier, later = self._split(state)
-        outputs, first = self.first(inputs[..., : self.code_dim + 1], earlier, is_init)
-        outputs, second = self.second(self._join(inputs, outputs), later, is_init)
-        hidden, cell = (torch.cat(pair, -1) for pair in zip(first, second, strict=True))
-        return outputs, (hidden, cell)
+        first = self.first(inputs[..., : self.code_dim + 1], earlier, is_init)
+        outputs: Tensor = self.second(self._join(inputs, first), later, is_init)
+        return outputs
 
     def _split(self, state: State) -> tuple[State, State]:
         (hidden, *other), (cell, *rest) = (one.split(self.sizes, -1) for one in state)

@@ -20,7 +20,7 @@ import vizdoom
 from tests.envs.children import Child, run
 from tests.envs.layouts import LANE
 from toponav.envs import EngineError, EngineLostError
-from toponav.envs.engines.doom import engine as engine_module, instances
+from toponav.envs.engines.doom import engine as engine_module, instances, shared_memory
 from toponav.envs.engines.doom.engine import Engine, fixed, turn
 from toponav.envs.engines.doom.level import acs
 from toponav.envs.engines.doom.level.compile import compile_maze
@@ -231,7 +231,7 @@ class TestLosses:
         child.join(60)
         assert not child.is_alive()
         instances.sweep()
-        left = instances.SHARED_MEMORY.glob(f"ViZDoom*{file.read_text()}")
+        left = shared_memory.SHARED_MEMORY.glob(f"ViZDoom*{file.read_text()}")
         assert not list(left)
 
 

@@ -1,6 +1,7 @@
 """No engine outlives its owner, and no living owner loses one."""
 
 import math
+import mmap
 import os
 import shutil
 import signal
@@ -15,7 +16,7 @@ import pytest
 from tests.envs.children import Child, run
 from tests.envs.layouts import LANE
 from toponav.envs import EngineError, MazeEnv
-from toponav.envs.engines.doom import instances
+from toponav.envs.engines.doom import instances, shared_memory
 
 ENV = "env = MazeEnv(LANE, batch_size=2)\nenv.reset()\n"
 
@@ -197,16 +198,35 @@ class TestSweep:
             for number in (living, "Gone"):
                 (tmp_path / f"ViZDoomMQDoom{number}").touch()
             (tmp_path / "another").touch()
-            monkeypatch.setattr(instances, "SHARED_MEMORY", tmp_path)
+            monkeypatch.setattr(shared_memory, "SHARED_MEMORY", tmp_path)
             instances.sweep()  # it may be starting
             assert len(list(tmp_path.iterdir())) == 3
-            monkeypatch.setattr(instances, "_STARTING_S", 0.0)
+            for name in ("_STARTING_S", "_MAKING_S"):
+                monkeypatch.setattr(shared_memory, name, 0.0)
             instances.sweep()
             left = sorted(file.name for file in tmp_path.iterdir())
             assert left == [f"ViZDoomMQDoom{living}", "another"]
         finally:
             monkeypatch.undo()
             env.close()
+
+    @pytest.mark.parametrize("sees_all", [True, False])
+    def test_removes_young_memory_that_nobody_uses_where_all_can_be_seen(
+        self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, sees_all: bool
+    ) -> None:
+        monkeypatch.setattr(shared_memory, "SHARED_MEMORY", tmp_path)
+        monkeypatch.setattr(shared_memory, "_MAKING_S", 0.0)
+        monkeypatch.setattr(shared_memory, "_sees_all_processes", lambda: sees_all)
+        names = ["ViZDoomMQDoomGone", "ViZDoomMQDoomUsed"]
+        for name in names:
+            (tmp_path / name).write_bytes(bytes(mmap.PAGESIZE))
+        with (
+            (tmp_path / names[1]).open("r+b") as file,
+            mmap.mmap(file.fileno(), 0),  # by this process
+        ):
+            instances.sweep()
+            left = sorted(file.name for file in tmp_path.iterdir())
+        assert left == (names[1:] if sees_all else names)
 
     def test_of_no_registry_is_nothing(
         self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -215,7 +235,7 @@ class TestSweep:
         assert instances.sweep() == 0
 
     def test_leaves_alone_what_is_not_ours(self) -> None:
-        name = instances.SHARED_MEMORY / "ViZDoomSMnobody-knows"
+        name = shared_memory.SHARED_MEMORY / "ViZDoomSMnobody-knows"
         name.touch()
         try:
             instances.sweep()

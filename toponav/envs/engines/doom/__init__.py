@@ -1,7 +1,8 @@
 """The ViZDoom engine: art, level compiler, scripts, process handling."""
 
 from toponav.envs.engines.doom.game import MazeGame as MazeGame, prepare
-from toponav.envs.engines.doom.instances import SHARED_BYTES, check_room, sweep
+from toponav.envs.engines.doom.instances import check_room, sweep
+from toponav.envs.engines.doom.shared_memory import SHARED_BYTES
 from toponav.envs.engines.doom.spec import (
     ACTIONS as ACTIONS,
     CAMERA,

@@ -14,14 +14,20 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from itertools import product
 from pathlib import Path
 from types import FrameType
 
 import psutil
 
+from toponav.envs.engines.doom.shared_memory import (
+    SHARED_BYTES,
+    SHARED_MEMORY,
+    instance_of,
+    remove_memory,
+    remove_nameless,
+)
 from toponav.envs.game import EngineError
 
 # The engine writes these sections if they are missing, and then also a folder
@@ -30,21 +36,14 @@ _INI = "".join(
     f"[{game}.AutoExec]\n" for game in ("Doom", "Heretic", "Hexen", "Strife", "Chex")
 )
 _INI_NAME = "engine.ini"
-#: Where the engines keep their shared memory (Linux).
-SHARED_MEMORY = Path("/dev/shm")
-#: What an engine uses of it: of three files, as many blocks as have been written.
-SHARED_BYTES = 96 * 1024
 # Its level, and what it writes beside.
 _FILES_BYTES = 1024 * 1024
-# An engine that has not started after so many seconds does not start any more.
-_STARTING_S = 120.0
 # So long a start is waited for before its engine is ended.
 _PATIENCE_S = 5.0
 _starters: dict[Path, threading.Thread] = {}
 # A sweep looks at all processes and all engines' files.
 _SWEEP_EVERY_S = 1.0
 _swept = -math.inf
-_SHARED_MEMORY_PREFIXES = ("ViZDoomSM", "ViZDoomMQCtr", "ViZDoomMQDoom")
 
 
 def check_room() -> None:
@@ -136,7 +135,7 @@ def sweep() -> int:
     dead = [folder for folder in folders if not _has_owner(folder)]
     for folder in dead:
         _reap(folder)
-    _remove_nameless(commands)
+    remove_nameless(commands)
     return len(dead)
 
 
@@ -184,37 +183,17 @@ def _started(pid: int) -> str:
 
 def _reap(folder: Path) -> None:
     """End the engine that uses this folder, remove its shared memory, the folder."""
-    identifiers = set[str | None]()
+    identifiers = set[str]()
     with suppress(OSError, ValueError):
         identifiers.add((folder / "instance").read_text())
     for process, command in _engines_of(folder):
-        identifiers.add(_instance_of(command))
+        identifiers.update(filter(None, [instance_of(command)]))
         with suppress(psutil.Error):
             process.kill()
             process.wait(5)
-    for prefix, identifier in product(_SHARED_MEMORY_PREFIXES, identifiers - {None}):
-        with suppress(OSError, ValueError):
-            (SHARED_MEMORY / f"{prefix}{identifier}").unlink()
+    for identifier in identifiers:
+        remove_memory(identifier)
     shutil.rmtree(folder, ignore_errors=True)
-
-
-def _remove_nameless(commands: Sequence[list[str]]) -> None:
-    """Remove shared memory of engines that died before anybody knew their number.
-
-    That of other users stays, and what is so young that its engine may be starting
-    where this process cannot see it. Whoever uses a file keeps it when its name goes.
-    ``commands`` are the command lines of all processes.
-    """
-    kinds = _SHARED_MEMORY_PREFIXES
-    files = [one for kind in kinds for one in SHARED_MEMORY.glob(f"{kind}*")]
-    living = tuple(one for one in map(_instance_of, commands) if one is not None)
-    for file in files:
-        with suppress(OSError):
-            state = file.stat()
-            is_young = time.time() - state.st_ctime < _STARTING_S
-            is_ours = state.st_uid == os.getuid()
-            if is_ours and not is_young and not file.name.endswith(living):
-                file.unlink()
 
 
 def _engines_of(folder: Path) -> Iterator[tuple[psutil.Process, list[str]]]:
@@ -233,7 +212,7 @@ def engine_pid(folder: Path) -> int | None:
     for process, command in _matching(folder, _children() if noted is None else noted):
         if noted is None:
             (folder / "pid").write_text(str(process.pid))
-            if (found := _instance_of(command)) is not None:
+            if (found := instance_of(command)) is not None:
                 note_instance(folder, found)
         return int(process.pid)
     return None
@@ -285,9 +264,3 @@ def _children() -> Iterator[psutil.Process]:
     for pid in sorted(pids, reverse=True):
         with suppress(psutil.Error):
             yield psutil.Process(pid)
-
-
-def _instance_of(command: list[str]) -> str | None:
-    """The engine's own instance number, which its command line has."""
-    words = iter(command)
-    return next(words, None) if "+viz_instance_id" in words else None
