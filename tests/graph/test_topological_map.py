@@ -127,6 +127,18 @@ def test_where_the_view_before_makes_the_edges_time_adds_steps_alone() -> None:
     assert topological_map.edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [3, 4]]
 
 
+def test_of_episodes_that_begin_side_by_side_one_is_the_first() -> None:
+    topological_map = make_map(extend_by="previous", edge_steps=3)
+    beside = [episode(0, 30, 60, env=0), episode(90, 45, 15, env=1)]
+    topological_map.extend(torch.stack(beside))
+    shades = (topological_map.embeddings.flatten() * 100).round().int()
+    pairs = {tuple(sorted(pair)) for pair in shades[topological_map.edges].tolist()}
+    # Eq. 10 joins two that are two decisions apart, eq. 12 only what the view before
+    # reaches: 45 reaches 30, 60 and itself when 15 is seen.
+    assert (0, 60) in pairs
+    assert {pair for pair in pairs if pair[0] == 15} == {(15, 30), (15, 45), (15, 60)}
+
+
 def test_a_new_waypoint_of_a_later_episode_is_linked_by_the_view_before() -> None:
     # Eq. 12: 40 was seen after 22, which reaches 0 and itself; 40 reaches 22 alone.
     by_previous, by_itself = make_map(extend_by="previous"), make_map()

@@ -91,7 +91,7 @@ class Discovery:
                 frames=piece.embeddings[:0],
                 images=None if piece.images is None else piece.images[:0],
                 number=self._counts.get(piece.env, 0),
-                is_first=not len(self.waypoints),
+                is_first=not (len(self.waypoints) or tracks or self._tracks),
                 headings=torch.empty(0),
                 oriented=False,
             )

@@ -16,7 +16,7 @@ class Track:
     frames: Tensor  # embeddings [F, D] to decide, and those before and after that vote
     images: Tensor | None  # [F, H, W, C], if the views are known
     number: int  # of the first frame among all observations of the environment
-    is_first: bool  # whether the map was empty when the episode began
+    is_first: bool  # whether it is the map's first episode; others begin beside it
     #: Degrees, float32 ``[F]``: which way each frame looks, seen from the first one or,
     #: once the track is ``oriented``, as the map's waypoints count; NaN if not known.
     headings: Tensor
