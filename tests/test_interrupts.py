@@ -39,6 +39,25 @@ class Last:
 last = Last()
 ignore_signals()
 """
+#: Gets the signal while Matplotlib holds the lock on its list of fonts.
+FONTS = """
+import os, signal, sys
+from contextlib import contextmanager
+import matplotlib.cbook
+lock_path = matplotlib.cbook._lock_path
+
+@contextmanager
+def interrupted(path):
+    with lock_path(path):
+        os.kill(os.getpid(), signal.{})
+        yield
+
+matplotlib.cbook._lock_path = interrupted
+sys.argv[0] = "explore.py"
+from toponav.interrupts import catch_early
+catch_early("__main__")
+print("went on")
+"""
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 RUN = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='{}')"
 
@@ -211,3 +230,29 @@ def test_other_exceptions_that_python_loses_are_printed(
     said = capsys.readouterr().err
     assert said.startswith("Exception ignored in")
     assert "IndexError" in said
+
+
+@pytest.mark.parametrize("number", NUMBERS, ids=lambda number: number.name)
+def test_a_signal_while_fonts_are_listed_leaves_no_lock(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    fresh = tmp_path / "fontlist-v1.json.matplotlib-lock"  # of another process
+    stale = tmp_path / "fontlist-v2.json.matplotlib-lock"
+    for lock in (fresh, stale):
+        lock.touch()
+    os.utime(stale, (0, 0))
+    done = subprocess.run(
+        [sys.executable, "-c", FONTS.format(number.name)],
+        env={**os.environ, "MPLCONFIGDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.returncode, done.stdout) == (128 + number, "")
+    assert done.stderr == (
+        "explore: stopped by Ctrl-C\n" if number == signal.SIGINT else ""
+    )
+    assert list(tmp_path.glob("*lock")) == [fresh]
+    assert [path.suffix for path in tmp_path.glob("fontlist-v[3-9]*")] == [".json"]

@@ -7,9 +7,13 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType, TracebackType
 
+_NUMBERS = (signal.SIGINT, signal.SIGTERM)
+#: Seconds after which fonts are surely listed.
+_LISTING_S = 60.0
 Handler = Callable[[int, FrameType | None], object]
 
 
@@ -31,6 +35,7 @@ def catch_early(name: str) -> None:
     elif name == "__main__":
         _replace(signal.default_int_handler, _leave)
         signal.signal(signal.SIGTERM, _leave)
+        _list_fonts()
 
 
 def catch_as_usual() -> None:
@@ -50,7 +55,7 @@ def ignore_signals() -> None:
     Python restores the handlers of the system before it frees its modules, but leaves
     alone what is ignored.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in _NUMBERS:
         signal.signal(number, signal.SIG_IGN)
 
 
@@ -65,6 +70,27 @@ def _leave(number: int, _frame: FrameType | None) -> None:
         sentence = f"{Path(sys.argv[0]).stem}: stopped by Ctrl-C\n"
         os.write(2, sentence.encode())  # standard error, without a lock or a buffer
     os._exit(128 + number)
+
+
+def _list_fonts() -> None:
+    """Let Matplotlib list a user's fonts, which it does once, without a break.
+
+    A process that ended meanwhile would leave a lock, of which each later one complains
+    after it has waited for five seconds. What a killed one left is removed.
+    """
+    import matplotlib
+
+    folder = Path(matplotlib.get_cachedir())
+    for lock in folder.glob("fontlist-*.matplotlib-lock"):
+        with suppress(OSError):  # it has been removed meanwhile
+            if time.time() - lock.stat().st_mtime > _LISTING_S:
+                lock.unlink()
+    if not any(folder.glob("fontlist-*.json")) and hasattr(signal, "pthread_sigmask"):
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _NUMBERS)
+        try:
+            import matplotlib.font_manager
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _send_if_lost(lost: "sys.UnraisableHookArgs") -> None:
