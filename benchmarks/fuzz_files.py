@@ -1,13 +1,16 @@
 """Damaged files for `fuzz`: maps, networks, checkpoints and run folders."""
 
 import random
+import resource
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from fuzz_cases import Case, require_same, same_value
 from fuzz_damage import damage
-from fuzz_maps import map_case
+from fuzz_maps import map_case, nested_map_case
 from fuzz_settings import USUAL, run_recipe
 
 from toponav.builders import load_networks, make_networks, save_networks
@@ -27,12 +30,75 @@ MODEL = ModelConfig(
     comparator_hidden=[4],
     locomotion_hidden=[4],
 )
+# Kilobytes that a refusal may take: far less than a model that is not the file's.
+_MOST_KB = 1_000_000
+#: What stands in the place of weights.
+WEIGHTS: dict[str, Callable[[torch.Tensor], object]] = {
+    "sparse": lambda one: one.to_sparse(),
+    "meta": lambda one: one.to("meta"),
+    "complex": lambda one: one + 0j,
+    "double": lambda one: one.double(),
+    "huge": lambda one: torch.zeros(1).expand(10**6, 10**4),
+    "longer": lambda one: torch.cat([one, one]),
+    "word": lambda one: "x",
+    "none": lambda one: None,
+}
+#: What stands in the place of a threshold, or of a size of the model.
+THRESHOLDS = ["x", None, [1], float("nan"), 5.0, -0.5, {}, torch.zeros(2)]
+SIZES = [
+    ("comparator_hidden", [40_000, 40_000]),
+    ("comparator_hidden", [1] * 100_000),
+    ("comparator_hidden", "x"),
+    ("locomotion_hidden", [30_000] * 3),
+    ("embedding_dim", 10**9),
+    ("embedding_dim", "x"),
+    ("projection_dim", 10**6),
+]
 
 
 def file_case(number: int, draw: random.Random, work: Path) -> Case:
     """A map, networks, a checkpoint or a run folder that was damaged."""
+    # Drawn apart: the cases of other numbers are what they were before there were any.
+    inside = random.Random(f"inside {number}")
+    if inside.random() < 0.3:
+        nested = [nested_networks_case, nested_map_case]
+        return inside.choice(nested)(number, inside, work)
     makers = [map_case, map_case, networks_case, checkpoint_case, folder_case]
     return draw.choice(makers)(number, draw, work)
+
+
+def nested_networks_case(number: int, draw: random.Random, work: Path) -> Case:
+    """``networks.pt`` whose checksums fit, with something else inside."""
+    path = work / f"networks-{number}.pt"
+    torch.manual_seed(number)
+    networks = make_networks(MODEL, WORLD)
+    networks.thresholds = {"tc_threshold": 0.9, "reward_threshold": 0.5}
+    save_networks(networks, path)
+    state: dict[str, Any] = torch.load(path, weights_only=True)
+    part = draw.choice(["weights", "thresholds", "model"])
+    name = draw.choice(sorted(state[part]))
+    if part == "weights":
+        names = sorted(key for key, one in state[part].items() if one.ndim)
+        name, bad = draw.choice(names), draw.choice(sorted(WEIGHTS))
+        state[part][name] = WEIGHTS[bad](state[part][name])
+    else:
+        bad = draw.choice(THRESHOLDS)
+        if part == "model":
+            name, bad = draw.choice(SIZES)
+        state[part][name] = bad
+    save_atomically(state, path)
+
+    def run() -> None:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        try:
+            load_networks(path)
+        finally:
+            taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+            if taken > _MOST_KB:
+                raise MemoryError(f"took {taken} kB")
+        require_same(False)
+
+    return Case(number, "networks.pt", f"{part} {name}={str(bad)[:40]}", run)
 
 
 def networks_case(number: int, draw: random.Random, work: Path) -> Case:

@@ -15,6 +15,19 @@ from fuzz_damage import damage, rewrite
 
 from toponav.graph import load_map, save_map
 
+#: What stands in the place of settings and words of a map.
+WRONG: list[tuple[str, Any]] = [
+    ("tc_threshold", 5),
+    ("tc_threshold", 1.0),
+    ("tc_reach", 0.95),
+    ("tc_reach", True),
+    ("version", 1.5),
+    ("network_version", 10**30),
+    ("about", {"maze": 5}),
+    ("about", [["maze", "maze1"]]),
+    ("views", "x"),
+]
+
 
 def map_state(draw: random.Random) -> dict[str, Any]:
     """A small map with views."""
@@ -61,6 +74,42 @@ def map_case(number: int, draw: random.Random, work: Path) -> Case:
         found, _ = load_map(path)
         same = all(same_value(found[name], state[name]) for name in state)
         require_same(same and not must_refuse)
+
+    return Case(number, "map.zip", way, run)
+
+
+def nested_map_case(number: int, draw: random.Random, work: Path) -> Case:
+    """``map.zip`` of which one part is too wide, of no width, or no such value."""
+    path = work / f"map-{number}.zip"
+    save_map(map_state(draw), path)
+    way = draw.choice(["wide", "no width", "value", "value", "value"])
+    if way == "wide":
+        width = draw.choice([70_000, 10**6, 4 * 10**6])
+        buffer = io.BytesIO()
+        np.lib.format.write_array_header_1_0(
+            buffer, {"descr": "<f4", "fortran_order": False, "shape": (6, width)}
+        )
+        rewrite(path, {"embeddings.npy": buffer.getvalue() + bytes(24 * width)})
+        with zipfile.ZipFile(path, "a") as archive:  # so that it is no bomb by size
+            archive.writestr("x", draw.randbytes(24 * width // 50))
+        way = f"embeddings {width} wide"
+    elif way == "no width":
+        buffer = io.BytesIO()
+        np.save(buffer, np.zeros((6, 0), np.float32))
+        rewrite(
+            path, {f"{draw.choice(['embeddings', 'prepared'])}.npy": buffer.getvalue()}
+        )
+    else:
+        with zipfile.ZipFile(path) as archive:
+            content = json.loads(archive.read("graph.json"))
+        key, bad = draw.choice(WRONG)
+        content["graph"][key] = bad
+        rewrite(path, {"graph.json": json.dumps(content).encode()})
+        way = f"graph {key}={bad!r}"
+
+    def run() -> None:
+        load_map(path)
+        require_same(False)
 
     return Case(number, "map.zip", way, run)
 

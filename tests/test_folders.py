@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.config.test_read_yaml import BOMB
 from tests.explored import make_run
 from tests.forked import run_forked
 from tests.sweeps import make_exploration
@@ -128,3 +129,51 @@ def test_a_map_of_another_maze_is_one_sentence(tmp_path: Path) -> None:
     )
     assert files(tmp_path) == before
     shutil.rmtree(tmp_path / "run")
+
+
+def test_settings_of_a_run_that_stand_for_millions_of_words_are_one_sentence(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "run/config/config.yaml"
+    file.parent.mkdir(parents=True)
+    file.write_text(BOMB)
+    done = run_forked("navigate", "run=run", "scale=smoke", cwd=tmp_path, timeout=60)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "navigate: a run folder must hold the settings of a run, got the damaged "
+        "run/config/config.yaml (it has an alias, '*a')\n",
+    )
+    assert files(tmp_path) == ["run", "run/config", "run/config/config.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("word", "given"),
+    [
+        ("hydra.output_subdir=null", "null"),
+        ("++hydra.output_subdir=.hydra", "'.hydra'"),
+        ("hydra.output_subdir=", "''"),
+        ("~hydra.output_subdir", "null"),
+        ("hydra={output_subdir:null}", "null"),
+        ("hydra.output_subdir=config,null", "several"),
+    ],
+)
+def test_a_run_keeps_its_settings_where_others_look_for_them(
+    tmp_path: Path, word: str, given: str
+) -> None:
+    """Its lock and its results are seen there, and `resume` reads them."""
+    done = run_forked("tour", word, "decisions=1", cwd=tmp_path, timeout=60)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "tour: hydra.output_subdir must be 'config', where a run keeps its settings, "
+        f"got {given}\n",
+    )
+    assert files(tmp_path) == []
+
+
+def test_a_sweep_keeps_its_settings_there_too(tmp_path: Path) -> None:
+    words = ("hydra.output_subdir=null", "decisions=1", "seed=0,1", "-m")
+    done = run_forked("tour", *words, cwd=tmp_path, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("tour: hydra.output_subdir must be 'config', where")
+    assert len(done.stderr.splitlines()) == 1
+    assert files(tmp_path) == []

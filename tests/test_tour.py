@@ -99,8 +99,15 @@ def test_a_bad_setting_is_one_sentence(
 
 
 @pytest.mark.slow
-def test_a_refused_tour_without_settings_leaves_no_folder(tmp_path: Path) -> None:
-    words = ("hydra.output_subdir=null", "maze=file", "maze.path=/nowhere")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("hydra.output_subdir=null",),
+        ("maze=file", "maze.path=/nowhere"),
+        ("decisions=1", "views=2"),
+    ],
+)
+def test_a_refused_tour_leaves_no_folder(words: list[str], tmp_path: Path) -> None:
     done = tour(tmp_path, *words)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1

@@ -271,6 +271,30 @@ def test_a_broken_map_is_one_sentence(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        np.array([None, "a"], dtype=object),
+        b"hello",
+        b"",
+        np.full((32, 3), "x"),
+        np.full((32, 3), 1j),
+        np.full((32, 3), np.nan),
+    ],
+    ids=["objects", "text", "empty", "words", "complex", "nan"],
+)
+def test_damaged_poses_are_one_sentence_that_names_the_file(tmp_path, content):
+    make_run(tmp_path)
+    path = tmp_path / POSES_FILE
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        np.save(path, content, allow_pickle=True)
+    said = refused(navigate_settings(tmp_path))
+    assert said.startswith(f"run must name a complete file, got the damaged {path} (")
+    assert "\n" not in said
+
+
 def test_the_world_is_that_of_the_engine_of_the_run(tmp_path, monkeypatch):
     monkeypatch.setitem(ENGINES, "fake", "tests.envs.fake_engine")
     make_run(tmp_path, "engine=fake", "policy.view_size=36")

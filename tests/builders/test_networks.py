@@ -1,7 +1,10 @@
 import pickle
+import resource
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -228,3 +231,82 @@ def test_views_that_the_encoder_cannot_read_are_refused() -> None:
     world = WorldSpec(view_size=(63, 48), actions=("left", "right"))
     with pytest.raises(SettingsError, match=r"model.encoder=small: .* must be even"):
         make_networks(tiny_model(), world)
+
+
+def rewrite(saved: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change what a file holds; its checksums then fit."""
+    state = torch.load(saved, weights_only=True)
+    change(state)
+    torch.save(state, saved)
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["x", None, [1], float("nan"), float("inf"), 5.0, -0.1, True, torch.ones(2)],
+)
+def test_thresholds_that_are_no_similarities_are_refused(
+    saved: Path, value: object
+) -> None:
+    rewrite(saved, lambda state: state["thresholds"].update(tc_threshold=value))
+    rule = (
+        r"^networks must name networks whose thresholds are numbers in \[0, 1\], got "
+    )
+    with pytest.raises(
+        SettingsError, match=rf"{rule}\S*networks.pt with tc_threshold="
+    ):
+        load_networks(saved)
+
+
+@pytest.mark.parametrize("value", [[1], "x", None])
+def test_thresholds_without_names_are_refused(saved: Path, value: object) -> None:
+    rewrite(saved, lambda state: state.update(thresholds=value))
+    with pytest.raises(SettingsError, match=r"^networks must name networks .*networks"):
+        load_networks(saved)
+
+
+#: What stands in the place of the first weights.
+OTHER_WEIGHTS: dict[str, Callable[[torch.Tensor], object]] = {
+    "sparse": lambda one: one.to_sparse(),
+    "meta": lambda one: one.to("meta"),
+    "complex": lambda one: one + 0j,
+    "double": lambda one: one.double(),
+    "whole": lambda one: one.long(),
+    "repeated": lambda one: one.flatten()[:1].clone().expand(one.shape),
+    "enormous": lambda one: torch.zeros(1).expand(10**6, 10**4),
+    "a word": lambda _: "x",
+    "short": lambda one: one[:1],
+}
+
+
+@pytest.mark.parametrize("kind", list(OTHER_WEIGHTS))
+def test_weights_of_another_kind_are_refused(saved: Path, kind: str) -> None:
+    def change(state: dict[str, Any]) -> None:
+        name, weight = next(iter(state["weights"].items()))
+        state["weights"][name] = OTHER_WEIGHTS[kind](weight)
+
+    rewrite(saved, change)
+    with pytest.raises(SettingsError, match=r"^networks must name networks .*0.weight"):
+        load_networks(saved)
+
+
+@pytest.mark.parametrize("hidden", [[40_000, 40_000], [1] * 100_000])
+def test_a_model_larger_than_its_weights_takes_no_memory(
+    saved: Path, hidden: list[int]
+) -> None:
+    rewrite(saved, lambda state: state["model"].update(comparator_hidden=hidden))
+    started = time.process_time()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(SettingsError, match=r"^networks must name networks saved with"):
+        load_networks(saved)
+    assert time.process_time() - started < 1
+    # Kilobytes; the layers would take gigabytes.
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000
+
+
+def test_rounded_weights_are_weights(tmp_path: Path) -> None:
+    networks = tiny_networks()
+    save_networks(networks, tmp_path / "networks.pt", half=True)
+    loaded = load_networks(tmp_path).modules.state_dict()
+    for name, weight in networks.modules.state_dict().items():
+        assert loaded[name].dtype is weight.dtype
+        assert torch.allclose(loaded[name], weight, atol=1e-3), name

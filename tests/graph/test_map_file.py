@@ -1,7 +1,10 @@
 """The file of a map: bit-equal, atomic, readable without this package."""
 
+import functools
 import io
 import json
+import operator
+import os
 import zipfile
 
 import networkx
@@ -134,6 +137,20 @@ EMBEDDINGS = {
     "nan": np.full((3, 4), np.nan, np.float32),
     "complex": np.zeros((3, 4), np.complex64),
     "one dimension": np.zeros(3, np.float32),
+    "no width": np.zeros((3, 0), np.float32),
+}
+#: Where in ``graph.json`` something else stands, and what.
+GRAPH = {
+    "negative": (("edges", 0, "traversals"), -1),
+    "threshold": (("graph", "tc_threshold"), 5),
+    "word threshold": (("graph", "tc_threshold"), "x"),
+    "true threshold": (("graph", "tc_threshold"), True),
+    "reach": (("graph", "tc_reach"), 0.95),
+    "version": (("graph", "version"), 1.5),
+    "network": (("graph", "network_version"), 10**30),
+    "about": (("graph", "about"), {"maze": 5}),
+    "about list": (("graph", "about"), [["maze", "maze1"]]),
+    "views": (("graph", "views"), "x"),
 }
 
 
@@ -190,10 +207,11 @@ def damaged(path, how):
         file = io.BytesIO()
         np.save(file, EMBEDDINGS[how])
         rewrite(path, "embeddings.npy", file.getvalue())
-    elif how == "negative":
+    elif how in GRAPH:
+        (*place, name), value = GRAPH[how]
         with zipfile.ZipFile(path) as archive:
             content = json.loads(archive.read("graph.json"))
-        content["edges"][0]["traversals"] = -1
+        functools.reduce(operator.getitem, place, content)[name] = value
         rewrite(path, "graph.json", json.dumps(content).encode())
     else:
         path.unlink()
@@ -213,6 +231,16 @@ def damaged(path, how):
         ("nan", "got the damaged .*NaN or infinity in its embeddings"),
         ("complex", "got the damaged .*embeddings of complex64"),
         ("one dimension", r"got the damaged .*embeddings of float32 \(3,\)"),
+        ("no width", r"got the damaged .*embeddings of float32 \(3, 0\)"),
+        ("threshold", "got the damaged .*tc_threshold that is no similarity"),
+        ("word threshold", "got the damaged .*tc_threshold that is no similarity"),
+        ("true threshold", "got the damaged .*tc_threshold that is no similarity"),
+        ("reach", "got the damaged .*tc_reach above tc_threshold"),
+        ("version", "got the damaged .*version that is no count"),
+        ("network", "got the damaged .*network_version that is no count"),
+        ("about", "got the damaged .*words that are none"),
+        ("about list", "got the damaged .*words that are none"),
+        ("views", "got the damaged "),
         ("negative", "got the damaged .* traversals_back that are no counts"),
         ("other", "a map must hold graph.json, got "),
         ("newer", "a map must be of version 2, got .* with toponav map 9"),
@@ -226,3 +254,40 @@ def test_what_is_no_map_is_said_in_one_sentence(state, tmp_path, how, message) -
         load_map(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("width", [90_000, 40_000_000])
+def test_an_array_wider_than_embeddings_is_not_read(
+    state, tmp_path, monkeypatch, width
+) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    header = io.BytesIO()
+    shape = {"descr": "<f4", "fortran_order": False, "shape": (3, width)}
+    np.lib.format.write_array_header_1_0(header, shape)
+    rewrite(path, "embeddings.npy", header.getvalue() + bytes(12 * width))
+    # Random bytes make the file so large that the array is a small part of it.
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("x", os.urandom(6_000_000))
+
+    def read(*_: object, **__: object) -> None:
+        raise AssertionError("it was read")
+
+    monkeypatch.setattr(np, "load", read)
+    with pytest.raises(MapFileError, match=rf"embeddings of float32 \(3, {width}\)"):
+        load_map(path)
+
+
+def test_an_array_far_larger_than_the_file_is_not_read(
+    state, tmp_path, monkeypatch
+) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    wide = np.zeros((3, 4096), np.float32)
+    buffer = io.BytesIO()
+    np.save(buffer, wide)
+    rewrite(path, "embeddings.npy", buffer.getvalue())
+    assert torch.equal(load_map(path)[0]["embeddings"], torch.from_numpy(wide))
+    monkeypatch.setattr("toponav.graph.map_file._ANY_ARRAY", 10_000)
+    with pytest.raises(MapFileError, match=r"embeddings of float32 \(3, 4096\)"):
+        load_map(path)

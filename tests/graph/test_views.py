@@ -186,3 +186,14 @@ def test_a_map_takes_views_with_channels_first() -> None:
     wide = torch.zeros(3, 3, 4, 5, dtype=torch.uint8)
     with pytest.raises(ValueError, match=r"network_pixels' must be .* channels='CHW'"):
         usual.add_episode(first.set("network_pixels", wide))
+
+
+@pytest.mark.parametrize("place", [(0, 10**9), (-1, 20), (10**9, 20), (0, 0)])
+def test_a_view_outside_of_the_file_is_refused(tmp_path, place) -> None:
+    views = ViewFile(tmp_path / "views")
+    views.append(torch.zeros(4, 6, 3, dtype=torch.uint8))
+    state = views.state_dict() | {"views": torch.tensor([place])}
+    before = (tmp_path / "views").read_bytes()
+    with pytest.raises(ValueError, match="places in views must be inside of it, got"):
+        ViewFile(tmp_path / "views").load_state_dict(state)
+    assert (tmp_path / "views").read_bytes() == before

@@ -158,3 +158,10 @@ def test_a_method_that_was_saved_continues_exactly() -> None:
 def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(SettingsError, match=r"reward.step_size must be above 0, got 0"):
         explore_settings("reward=vime", "reward.step_size=0")
+
+
+def test_it_can_be_resumed_before_its_first_batch() -> None:
+    # What a run reads again must be numbers: the scale is unknown, not NaN, until then.
+    dynamics = BayesianDynamics((2,), num_actions=2)
+    assert all(one.isfinite().all() for one in dynamics.state_dict().values())
+    assert dynamics.scale.isnan()

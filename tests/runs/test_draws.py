@@ -46,7 +46,7 @@ def test_draws_are_log_uniform() -> None:
     assert abs(np.corrcoef(level, other)[0, 1]) < 0.1
 
 
-@pytest.mark.parametrize("bounds", [(0, 1), (2.0, 1.0), ("a", 1.0)])
+@pytest.mark.parametrize("bounds", [(0, 1), (2.0, 1.0), ("a", 1.0), (1.0, math.inf)])
 def test_bounds_that_are_none_are_refused(bounds) -> None:
     with pytest.raises(SettingsError, match="log_uniform must have two bounds, above"):
         draw(0, *bounds)

@@ -12,11 +12,12 @@ from toponav.builders import Networks, make_networks
 from toponav.config import OnlineConfig
 from toponav.training import ContinuedTraining
 
+#: No number in it is a default of the settings, so that one that is not read is seen.
 CONFIG = OnlineConfig(
     learn=True,
     lr=0.01,
-    weight_decay=1e-4,
-    locomotion_coeff=0.5,
+    weight_decay=0.003,
+    locomotion_coeff=0.3,
     every=40,
     publish_every=150,
     ahead=100,
@@ -32,6 +33,16 @@ def make(seed: int = 0) -> tuple[Networks, ContinuedTraining]:
     )
     training = ContinuedTraining(settings, networks, lambda figures, update: None)
     return networks, training
+
+
+def test_it_learns_by_its_own_settings() -> None:
+    networks, training = make()
+    (group,) = training.trainer.optimizer.param_groups
+    assert (group["lr"], group["weight_decay"]) == (0.01, 0.003)
+    decayed = {id(parameter) for parameter in group["params"]}
+    assert decayed == {id(one) for one in networks.modules.parameters()}
+    coeffs = {name: coeff for name, (_, coeff) in training.trainer.losses.items()}
+    assert coeffs == {"tc": 1.0, "l": 0.3}
 
 
 def test_updates_and_versions_are_due_by_decisions() -> None:

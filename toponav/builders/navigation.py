@@ -161,8 +161,14 @@ def _load_poses(folder: Path, num_waypoints: int, about: Mapping[str, str]) -> T
     rule = f"run must name an exploration whose {POSES_FILE} belongs to its {MAP_FILE}"
     require(path is not None, rule, f"that of another map in '{folder}'")
     assert path is not None
-    with refusing("run: ", (ValueError, OSError, EOFError)):
-        poses = np.load(path, allow_pickle=False)
+    try:
+        with path.open("rb") as file:
+            poses = np.lib.format.read_array(file, allow_pickle=False)
+        if poses.dtype.kind not in "fiu" or not np.isfinite(poses).all():
+            raise ValueError("it holds other than finite numbers")
+    except (ValueError, OSError, EOFError) as bad:
+        rule = f"run must name a complete file, got the damaged {path}"
+        raise SettingsError(f"{rule} ({str(bad).splitlines()[0]})") from bad
     rule = f"run must name an exploration whose {POSES_FILE} has a row of three for "
     rule += f"each of {num_waypoints} waypoints"
     require(poses.shape == (num_waypoints, 3), rule, poses.shape)

@@ -1,8 +1,10 @@
 """The TC-network and the L-network: built, saved, loaded and published."""
 
 import copy
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -19,7 +21,7 @@ from toponav.modules import (
     SmallEncoder,
     TCNetwork,
 )
-from toponav.runs import reading_checkpoint, save_atomically
+from toponav.runs import is_number, is_plain, reading_checkpoint, save_atomically
 from toponav.worlds import WorldSpec
 
 #: The file in a run folder that holds the networks.
@@ -175,7 +177,9 @@ def load_networks(
     ``world`` is given, the networks must be of and for that.
 
     Raises:
-        SettingsError: if the file is not usable, or is of another model or world.
+        SettingsError: if the file is not usable, or is of another model or world: a
+            weight is missing or of another shape or type, or a threshold is no number
+            in [0, 1].
     """
     path = networks_path(path, setting)
     file = path / NETWORKS_FILE if path.is_dir() else path
@@ -184,8 +188,11 @@ def load_networks(
         default = load_engine(DEFAULT_ENGINE).world
         height, width = state.get("view_size", default.view_size)
         num_actions = int(state.get("num_actions", default.num_actions))
+        weights = state["weights"]
+        if odd := [name for name, one in weights.items() if not is_plain(one)]:
+            raise ValueError(f"{odd[0]} is no plain tensor")
         # A damaged number may be more than can be counted to.
-        most = max(len(one) for one in state["weights"].values() if one.ndim)
+        most = max(len(one) for one in weights.values() if one.ndim)
         if num_actions > most:
             raise ValueError(f"weights of at most {most} actions, not {num_actions:g}")
         made_for = WorldSpec(
@@ -196,11 +203,50 @@ def load_networks(
         require_same_world(made_for, world or made_for, setting)
         config = ModelConfig(**state["model"])
         require_same_model(config, model or config, setting)
+        _require_weights(weights, config, made_for)
+        thresholds = _read_thresholds(state["thresholds"], setting, file)
         networks = make_networks(config, made_for, device=device)
-        networks.modules.load_state_dict(state["weights"])
-        networks.thresholds = dict(state["thresholds"])
+        networks.modules.load_state_dict(weights)
+        networks.thresholds = thresholds
     networks.modules.eval()
     return networks
+
+
+def _require_weights(
+    weights: Mapping[str, Tensor], config: ModelConfig, world: WorldSpec
+) -> None:
+    """Refuse others than such networks have, before memory is taken for those.
+
+    Raises:
+        ValueError: that names the first that differs.
+    """
+    # Each layer has a weight, and many layers take long to make even without memory.
+    layers = len(config.comparator_hidden) + len(config.locomotion_hidden)
+    if layers > len(weights):
+        raise ValueError(f"{len(weights)} weights for {layers} hidden layers")
+    # There, tensors have shapes and no content.
+    with torch.device("meta"):
+        fresh = make_networks(config, world, device="meta").modules.state_dict()
+    if other := fresh.keys() ^ weights.keys():
+        raise ValueError(f"{min(other)} is there or is missing")
+    for name, like in fresh.items():
+        found = weights[name]
+        # The package's own are rounded, see `save_networks`.
+        rounded = like.is_floating_point() and found.dtype is torch.half
+        if found.shape != like.shape or not (rounded or found.dtype is like.dtype):
+            what = f"{found.dtype} {list(found.shape)}, not {list(like.shape)}"
+            raise ValueError(f"{name} is {what}")
+
+
+def _read_thresholds(
+    found: Mapping[str, Any], setting: str, file: Path
+) -> dict[str, float]:
+    """The thresholds of a file; SettingsError unless they are similarities."""
+    for name, value in found.items():
+        rule = f"{setting} must name networks whose thresholds are numbers in [0, 1]"
+        holds = is_number(value) and 0 <= value <= 1
+        require(holds, rule, f"{file} with {name}={str(value)[:40]}")
+    return dict(found)
 
 
 def require_same_world(given: WorldSpec, wanted: WorldSpec, setting: str) -> None:

@@ -20,6 +20,7 @@ from toponav.config.checks import (
     read_yaml as read_yaml,
     refusing as refusing,
     require as require,
+    require_finite as require_finite,
     require_multiple as require_multiple,
     threshold_or as threshold_or,
 )

@@ -1,14 +1,31 @@
 """What settings may hold; each check refuses in one sentence."""
 
+import io
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+import yaml  # type: ignore[import-untyped]
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 
 Config = TypeVar("Config", DictConfig, ListConfig)
+
+#: Most threads of a process; with some ten thousand the thread library gives up, or
+#: the process ends without a word.
+MOST_THREADS = 1024
+#: Most gigabytes of views; no machine has the memory for more.
+MOST_GB = 100_000
+#: Most bytes of a YAML file of a run; those that runs write have some thousands, and
+#: reading so many takes seconds.
+_MOST_BYTES = 50_000
+#: Most references of one setting to others: those that runs write have 13. If each of
+#: a chain names the next one twice, twice as many take 2^15 times as long to read.
+_MOST_REFERENCES = 30
+# A tenth of the time of the one in Python, and it refuses what is nested too deeply.
+_YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class SettingsError(ValueError):
@@ -27,6 +44,11 @@ def require(holds: bool, rule: str, given: object) -> None:
     """
     if not holds:
         raise SettingsError(f"{rule}, got {given}")
+
+
+def require_finite(name: str, value: float) -> None:
+    """Refuse infinity and NaN, which most comparisons let pass."""
+    require(math.isfinite(value), f"{name} must be a finite number", value)
 
 
 def require_multiple(name: str, value: int, base_name: str, base: int) -> None:
@@ -60,11 +82,12 @@ def read_yaml(file: Path, kind: type[Config] = DictConfig) -> Config:  # type: i
     """The YAML of a run folder.
 
     Raises:
-        SettingsError: if it is damaged or of another kind than a dictionary or list.
+        SettingsError: if it is damaged, far too long, has aliases, or is of another
+            kind than a dictionary or list.
     """
     found, reason = None, f"no {kind.__name__[:4].lower()}"
     try:
-        found = OmegaConf.load(file)
+        found = OmegaConf.load(io.StringIO(_plain_text(file)))
     except Exception as bad:  # damage can make its reader fail in any way
         reason = str(bad).splitlines()[0]
     if not isinstance(found, kind):
@@ -73,9 +96,27 @@ def read_yaml(file: Path, kind: type[Config] = DictConfig) -> Config:  # type: i
     return found
 
 
+def _plain_text(file: Path) -> str:
+    """The text of a YAML file that takes no longer to read than its length says."""
+    with file.open("rb") as opened:
+        content = opened.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
+        raise ValueError(f"it has more than {_MOST_BYTES:,} bytes")
+    text = content.decode("utf-8")
+    if text.count("${") > _MOST_REFERENCES:
+        raise ValueError(f"it has more than {_MOST_REFERENCES} references, '${{...}}'")
+    # A few of them stand for more words than any memory holds; no run writes one.
+    for event in yaml.parse(text, Loader=_YAML_LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"it has an alias, '*{event.anchor}'")
+    return text
+
+
 @dataclass
 class Settings:
     """A group of settings, whose fields say what they may hold beside ``None``.
+
+    Numbers are finite in all of them.
 
     Examples:
         >>> @dataclass
@@ -93,8 +134,10 @@ class Settings:
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
+            name = f"{self.group}.{one.name}" if self.group else one.name
+            if isinstance(value, float):
+                require_finite(name, value)
             if value is not None and "check" in one.metadata:
-                name = f"{self.group}.{one.name}" if self.group else one.name
                 one.metadata["check"](name, value)
 
 
@@ -103,22 +146,29 @@ def _field(
     holds: Callable[[Any], bool],
     given: Callable[[Any], object] = str,
     *,
+    most: float | None = None,
     default: Any = MISSING,
 ) -> Any:
     def check(name: str, value: Any) -> None:
         require(holds(value), f"{name} must {rule}", given(value))
+        if most is not None:
+            require(value <= most, f"{name} must be at most {most:,}", value)
 
     return field(default=default, metadata={"check": check})
 
 
-def at_least(least: float, *, default: Any = MISSING) -> Any:
-    """A number that is not too small; ``default`` is what older runs had."""
-    return _field(f"be at least {least}", lambda value: value >= least, default=default)
+def at_least(least: float, *, most: float | None = None, default: Any = MISSING) -> Any:
+    """A number that is not too small; ``default`` is what older runs had.
+
+    One above ``most`` is refused in a sentence of its own.
+    """
+    rule = f"be at least {least}"
+    return _field(rule, lambda value: value >= least, most=most, default=default)
 
 
-def above(bound: float) -> Any:
-    """A number above another one."""
-    return _field(f"be above {bound}", lambda value: value > bound)
+def above(bound: float, *, most: float | None = None) -> Any:
+    """A number above another one, and at ``most`` a third."""
+    return _field(f"be above {bound}", lambda value: value > bound, most=most)
 
 
 def between(low: float, high: float) -> Any:
@@ -126,8 +176,13 @@ def between(low: float, high: float) -> Any:
     return _field(
         f"lie in [{low:g}, {high:g}]",
         lambda value: low <= value <= high,
-        lambda value: f"{value:.10g} (did you mean {min(max(value, low), high):g}?)",
+        lambda value: f"{_shown(value)} (did you mean {min(max(value, low), high):g}?)",
     )
+
+
+def _shown(value: float) -> str:
+    # A whole number may be too long for a float.
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def a_seed() -> Any:

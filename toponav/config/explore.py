@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from omegaconf import MISSING
 
 from toponav.config.checks import (
+    MOST_GB,
+    MOST_THREADS,
     Settings,
     a_seed,
     above,
@@ -91,7 +93,7 @@ class OnlineConfig(Settings):
     every: int = at_least(1)
     publish_every: int = at_least(1)
     ahead: int = at_least(1)
-    buffer_gb: float = above(0)
+    buffer_gb: float = above(0, most=MOST_GB)
 
 
 @dataclass
@@ -196,7 +198,7 @@ class ExploreConfig(Settings):
     init_policy: str | None = MISSING
     seed: int = a_seed()
     device: str = MISSING
-    threads: int | None = at_least(1)
+    threads: int | None = at_least(1, most=MOST_THREADS)
     resume: str | None = MISSING
 
     def __post_init__(self) -> None:

@@ -19,6 +19,10 @@ from toponav.config.checks import (
     require,
 )
 
+#: Most junctions of a side of a random maze: two cells each, and the last wall
+#: (`toponav.envs`).
+_MOST_JUNCTIONS = 50
+
 
 @dataclass
 class MazeConfig(Settings):
@@ -27,8 +31,8 @@ class MazeConfig(Settings):
     group = "maze"
     name: str = MISSING
     path: str | None = MISSING
-    rows: int = at_least(1)
-    cols: int = at_least(1)
+    rows: int = at_least(1, most=_MOST_JUNCTIONS)
+    cols: int = at_least(1, most=_MOST_JUNCTIONS)
     seed: int = a_seed()
     loops: float = between(0, 1)
     apples: int = at_least(0)

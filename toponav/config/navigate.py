@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import MISSING, DictConfig, OmegaConf
 
 from toponav.config.checks import (
+    MOST_THREADS,
     Settings,
     a_seed,
     at_least,
@@ -79,7 +80,7 @@ class NavigateConfig(Settings):
     video: NavigateVideoConfig = MISSING
     run: str | None = MISSING
     seed: int = a_seed()
-    threads: int | None = at_least(1)
+    threads: int | None = at_least(1, most=MOST_THREADS)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,6 +99,13 @@ class TourConfig(Settings):
     views: int = between(1, 12)
     video: str = one_of("mp4", "gif")
     height: int = between(64, 4320)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rule = (
+            f"views must be at most decisions ({self.decisions}), which has a view each"
+        )
+        require(self.views <= self.decisions, rule, self.views)
 
 
 @dataclass

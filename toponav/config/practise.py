@@ -4,7 +4,15 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import Settings, a_seed, above, at_least, between, require
+from toponav.config.checks import (
+    MOST_THREADS,
+    Settings,
+    a_seed,
+    above,
+    at_least,
+    between,
+    require,
+)
 from toponav.config.groups import MazeConfig
 from toponav.config.navigate import NavigatorConfig
 
@@ -37,7 +45,7 @@ class PractiseConfig(Settings):
     practice: PracticeConfig = MISSING
     run: str | None = MISSING
     seed: int = a_seed()
-    threads: int | None = at_least(1)
+    threads: int | None = at_least(1, most=MOST_THREADS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,8 +4,21 @@ from dataclasses import dataclass
 
 from omegaconf import MISSING
 
-from toponav.config.checks import Settings, a_seed, above, at_least, one_of, require
+from toponav.config.checks import (
+    MOST_GB,
+    MOST_THREADS,
+    Settings,
+    a_seed,
+    above,
+    at_least,
+    one_of,
+    require,
+)
 from toponav.config.groups import MazeConfig, ModelConfig, PairsConfig, WorldConfig
+
+#: Most held-out episodes of a maze, each of which has an engine of its own, and most
+#: views of them, all of which are kept in memory.
+_MOST_EPISODES, _MOST_VIEWS = 1024, 1_000_000
 
 
 @dataclass
@@ -14,9 +27,9 @@ class CollectConfig(Settings):
 
     group = "collect"
     decisions: int = at_least(1)
-    buffer_gb: float = above(0)
+    buffer_gb: float = above(0, most=MOST_GB)
     ahead: int = at_least(1)
-    share: float = above(0)
+    share: float = above(0, most=1)
     workers: int = at_least(1)
     envs: int = at_least(1)
     batch: int = at_least(1)
@@ -25,7 +38,6 @@ class CollectConfig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require(self.share <= 1, "collect.share must be at most 1", self.share)
         rule = f"collect.batch must be a multiple of collect.envs={self.envs}"
         require(self.batch % self.envs == 0, rule, self.batch)
 
@@ -43,7 +55,7 @@ class TrainConfig(Settings):
     locomotion_coeff: float = at_least(0)
     max_grad_norm: float = above(0)
     bf16: bool = MISSING
-    threads: int | None = at_least(1)
+    threads: int | None = at_least(1, most=MOST_THREADS)
     save_every_s: float = above(0)
 
 
@@ -52,11 +64,17 @@ class ValidateConfig(Settings):
     """What the networks are measured on."""
 
     group = "validate"
-    episodes: int = at_least(1)
+    episodes: int = at_least(1, most=_MOST_EPISODES)
     decisions: int = at_least(1)
     pairs: int = at_least(1)
     every: int = at_least(1)
     m: int = at_least(2)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        views, rule = self.episodes * self.decisions, "validate.episodes * "
+        rule += f"validate.decisions must be at most {_MOST_VIEWS:,} views of each maze"
+        require(views <= _MOST_VIEWS, rule, views)
 
 
 @dataclass

@@ -6,7 +6,14 @@ from dataclasses import dataclass, field
 
 from omegaconf import MISSING
 
-from toponav.config.checks import Settings, above, at_least, one_of, require
+from toponav.config.checks import (
+    Settings,
+    above,
+    at_least,
+    one_of,
+    require,
+    require_finite,
+)
 
 
 @dataclass
@@ -130,8 +137,9 @@ class ReproduceConfig(Settings):
             rule = f"rows must name some of {', '.join(labels)}"
             require(row in labels, rule, f"'{row}'")
         for learner, seconds in self.explore_s.items():
-            rule = f"explore_s.{learner} must be above 0"
-            require(seconds is None or seconds > 0, rule, seconds)
+            if seconds is not None:
+                require_finite(name := f"explore_s.{learner}", seconds)
+                require(seconds > 0, f"{name} must be above 0", seconds)
         require(bool(self.runs), "runs must name a folder", f"'{self.runs}'")
         require(bool(self.folder), "folder must name a folder", f"'{self.folder}'")
 

@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Collection, Iterable, Mapping
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import torch
@@ -23,13 +23,16 @@ from torch import Tensor
 from toponav.graph.views import encode_view
 
 _FORMAT, _VERSION = "toponav map", 2
-_NUMBERS = ("version", "network_version", "tc_threshold", "tc_reach")
+_COUNTS, _SIMILARITIES = ("version", "network_version"), ("tc_threshold", "tc_reach")
+_NUMBERS = (*_COUNTS, *_SIMILARITIES)
 _ARRAYS = ("embeddings", "prepared")
 _POSE = ("x", "y", "heading")
 _EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
 # Bytes that a file may hold for each of its own, and of any file: what is larger was
 # made to fill the memory. Most pixels along a view's side.
 _EXPANSION, _ANY_FILE, _LONGEST_SIDE = 100, 64_000_000, 4096
+# The same of an array, which is not compressed. Most numbers of an embedding.
+_ARRAY_EXPANSION, _ANY_ARRAY, _WIDEST = 10, 64_000_000, 65_536
 #: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -145,17 +148,10 @@ def _read(
             f"{content.get('format_version', '')}"
         )
     nodes, edges, graph = content["nodes"], content["edges"], content["graph"]
-    state: dict[str, Any] = {name: graph[name] for name in _NUMBERS}
-    _check(all(0 <= graph[name] < math.inf for name in _NUMBERS), "a negative number")
+    state = _numbers(graph)
+    most = max(_ARRAY_EXPANSION * path.stat().st_size, _ANY_ARRAY)
     for name in _ARRAYS:
-        with archive.open(f"{name}.npy") as file:
-            array = np.load(file, allow_pickle=False)
-        if len(nodes) != len(array):
-            raise ValueError(f"{len(nodes)} nodes, {len(array)} {name}")
-        fits = array.dtype == np.float32 and (array.ndim == 2 or not len(nodes))
-        _check(fits, f"{name} of {array.dtype} {array.shape}")
-        _check(np.isfinite(array).all(), f"NaN or infinity in its {name}")
-        state[name] = torch.from_numpy(array)
+        state[name] = _array(archive, name, len(nodes), most)
     names = [_view_name(at) for at in range(len(nodes))] if graph["views"] else []
     state["images"] = _views([archive.read(name) for name in names], room)
     state["origins"] = _columns(nodes, "environment", "observation")
@@ -176,7 +172,57 @@ def _read(
     known = [value for value in values if value is not None]
     _check(all(0 <= value <= 1 for value in known), "a similarity outside [0, 1]")
     state["edge_similarity"] = torch.from_numpy(similarity)
-    return state, dict(graph["about"])
+    about = graph["about"]
+    words = isinstance(about, dict) and all(
+        isinstance(one, str) for one in about.values()
+    )
+    _check(words, "words that are none")
+    return state, about
+
+
+def _numbers(graph: Mapping[str, Any]) -> dict[str, Any]:
+    """The counts and the thresholds of a map, which are as `MapRules` has them."""
+    for name in _COUNTS:
+        whole = type(graph[name]) is int and 0 <= graph[name] < 2**63
+        _check(whole, f"{name} that is no count")
+    for name in _SIMILARITIES:
+        number = type(graph[name]) in (int, float)
+        _check(number and 0 <= graph[name] < 1, f"{name} that is no similarity")
+    threshold, reach = (graph[name] for name in _SIMILARITIES)
+    _check(reach <= threshold, "tc_reach above tc_threshold")
+    _check(isinstance(graph["views"], bool), "views that are neither there nor not")
+    return {name: graph[name] for name in _NUMBERS}
+
+
+def _array(archive: zipfile.ZipFile, name: str, number: int, most: int) -> Tensor:
+    """Finite float32 ``[W, D]`` for that ``number`` W of nodes, of ``most`` bytes.
+
+    Its header says what it is before memory is taken for it.
+    """
+    entry = f"{name}.npy"
+    with archive.open(entry) as file:
+        shape, kind = _header(file)
+    if len(shape) > 0 and shape[0] != number:
+        raise ValueError(f"{number} nodes, {shape[0]} {name}")
+    flat = len(shape) == 2 and 1 <= shape[1] <= _WIDEST
+    size = math.prod(shape) * kind.itemsize
+    held = 0 <= size <= min(most, archive.getinfo(entry).file_size)
+    fits = kind == np.float32 and held and (flat or not (number or size))
+    _check(fits, f"{name} of {kind} {shape}")
+    with archive.open(entry) as file:
+        array = np.load(file, allow_pickle=False)
+    _check(np.isfinite(array).all(), f"NaN or infinity in its {name}")
+    return torch.from_numpy(array)
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and dtype of an array that `numpy.save` wrote."""
+    reading = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    shape, _, kind = reading[np.lib.format.read_magic(file)](file)
+    return shape, kind
 
 
 def _views(files: list[bytes], room: int) -> Tensor:

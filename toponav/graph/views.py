@@ -164,8 +164,13 @@ class ViewFile:
             checksum, left = zlib.crc32(piece, checksum), left - len(piece)
         if left or checksum != state["views_checksum"]:
             raise ValueError(f"{self.path.name} must be as it was written")
-        self._places = [(at, length) for at, length in state["views"].tolist()]
-        self._size, self._checksum = int(state["views_size"]), checksum
+        size = int(state["views_size"])
+        places = [(at, length) for at, length in state["views"].tolist()]
+        for at, length in places:
+            if not 0 <= at < at + length <= size:
+                rule = f"places in {self.path.name} must be inside of it"
+                raise ValueError(f"{rule}, got {length} bytes from {at} of {size}")
+        self._places, self._size, self._checksum = places, size, checksum
         self._file.truncate(self._size)
 
 

@@ -2,9 +2,11 @@
 
 import hashlib
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import ListConfig, OmegaConf
 
 from toponav.config import RECIPES, SettingsError, read_yaml, require
@@ -74,6 +76,34 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
     require(whole, rule, f"'{overrides}'")
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
+
+
+def require_own_subdir(arguments: Sequence[str], conf: Path) -> None:
+    """Refuse a command line by which a run keeps its settings elsewhere, or nowhere.
+
+    Its lock lies beside them, and resuming and reports look for them there.
+
+    Args:
+        arguments: the command line.
+        conf: the recipe's own file; where it keeps none, nothing is refused.
+
+    Raises:
+        SettingsError: if ``hydra.output_subdir`` is another one than in ``conf``.
+    """
+    # Also `hydra={output_subdir:null}`.
+    words = [word for word in arguments if re.match(r"[+~]*hydra[.=]", word)]
+    if not words:
+        return
+    own = OmegaConf.select(OmegaConf.load(conf), "hydra.output_subdir")
+    for one in OverridesParser.create().parse_overrides(words):
+        name, several = one.key_or_group, one.is_sweep_override()
+        value = None if several else one.value()
+        if name == "hydra" and isinstance(value, dict) and "output_subdir" in value:
+            name, value = "hydra.output_subdir", value["output_subdir"]
+        if name == "hydra.output_subdir" and own is not None:
+            given = "null" if value is None else f"'{value}'"
+            rule = f"{name} must be '{own}', where a run keeps its settings"
+            require(value == own, rule, "several" if several else given)
 
 
 def named_folder(arguments: list[str], name: str) -> list[str]:

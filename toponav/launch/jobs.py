@@ -19,7 +19,12 @@ from omegaconf import DictConfig, OmegaConf
 
 from toponav.config import SettingsError, require
 from toponav.interrupts import catch_as_usual, ignore_signals
-from toponav.launch.arguments import folder_name, named_folder, resumed_arguments
+from toponav.launch.arguments import (
+    folder_name,
+    named_folder,
+    require_own_subdir,
+    resumed_arguments,
+)
 from toponav.launch.folders import (
     folder_setting,
     is_sweep,
@@ -105,6 +110,7 @@ def recipe(
                     ]
                 if first:
                     arguments = named_folder(arguments, first)
+                require_own_subdir(arguments, conf / f"{name}.yaml")
                 sys.argv[1:] = resumed_arguments(arguments, name)
                 with refusing_folders(sys.argv[1:], lambda: bool(jobs)):
                     start()

@@ -25,13 +25,14 @@ def log_uniform(low: float, high: float, *, _root_: DictConfig) -> float:
         The paper, "Hyperparameters".
 
     Raises:
-        SettingsError: unless ``0 < low <= high``.
+        SettingsError: unless ``0 < low <= high``, both finite.
 
     Examples:
         >>> log_uniform(1e-4, 5e-3, _root_=OmegaConf.create({"seed": 7}))
         0.0001107
     """
-    good = all(isinstance(one, int | float) for one in (low, high)) and 0 < low <= high
+    good = all(isinstance(one, int | float) for one in (low, high))
+    good = good and 0 < low <= high < math.inf
     rule = "log_uniform must have two bounds, above 0 and the lower one first"
     require(good, rule, f"{low},{high}")
     share = random.Random(f"{_root_.seed} {low:g} {high:g}").random()

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import pandas as pd
@@ -116,9 +116,9 @@ def reading_checkpoint(
     words = [str(found.get(key, "")) for key in header]
     given = " ".join(words).strip()[:80] or "something else"
     require(words == list(map(str, header.values())), rule, f"{path} with {given}")
-    bad_name = next(_not_finite(found), None)
+    wrong = next(_not_finite(found), None)
     rule = f"{setting} must name {noun} whose weights are all finite numbers"
-    require(bad_name is None, rule, f"{path} with NaN or infinity in {bad_name}")
+    require(wrong is None, rule, f"{path} with {wrong}")
     try:
         yield found
     except SettingsError:
@@ -132,20 +132,54 @@ def reading_checkpoint(
 
 def _reason(error: Exception) -> str:
     """The beginning of what an error says."""
+    if isinstance(error, KeyError):
+        return f"without {error}"[:80]
     return (str(error).strip() or "empty").splitlines()[0][:80]
 
 
 def _not_finite(
     entries: Any, name: str = "", *, trained: bool = False
 ) -> Iterator[str]:
-    """Names of the tensors of networks and optimisers that hold NaN or infinity."""
+    """What is wrong with tensors of networks and optimisers, and with which."""
     if isinstance(entries, Mapping):
         for key, value in entries.items():
             yield from _not_finite(
                 value, str(key), trained=trained or str(key) in _TRAINED
             )
-    elif trained and isinstance(entries, Tensor) and not entries.isfinite().all():
-        yield name
+    elif trained and isinstance(entries, Tensor):
+        if not is_plain(entries):
+            yield f"no plain numbers in {name}"
+        elif not entries.isfinite().all():
+            yield f"NaN or infinity in {name}"
+
+
+def is_plain(found: object) -> bool:
+    """Whether a tensor has a real number in memory for each of its entries.
+
+    Those that are sparse, complex, quantised, on a device without memory, or of one
+    number that is repeated can be written, and no network can be filled with them.
+
+    Examples:
+        >>> is_plain(torch.zeros(3)), is_plain(torch.zeros(3).to_sparse())
+        (True, False)
+        >>> is_plain(torch.zeros(1).expand(3))
+        False
+    """
+    if not isinstance(found, Tensor) or found.layout is not torch.strided:
+        return False
+    if found.device.type == "meta" or found.is_complex() or found.is_quantized:
+        return False
+    return found.nbytes <= found.untyped_storage().nbytes()
+
+
+def is_number(found: object) -> TypeGuard[float]:
+    """Whether it is a plain number, which ``True`` is not; NaN is one.
+
+    Examples:
+        >>> is_number(0.5), is_number("0.5"), is_number(True)
+        (True, False, False)
+    """
+    return isinstance(found, int | float) and not isinstance(found, bool)
 
 
 def make_loggers(folder: Path, last_step: int) -> list[Logger]:

@@ -1,5 +1,6 @@
 """What a run has done so far, and the checkpoints from which it is resumed."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ from toponav.config import ExploreCollectConfig, ModelConfig
 from toponav.runs import CHECKPOINT_FILE, reading_checkpoint, save_atomically
 from toponav.training.episode_log import Row
 from toponav.training.pair_trainer import PairTrainer
-from toponav.training.whole_states import require_whole
+from toponav.training.whole_states import require_whole, unlike_counts
 
 _EXPLORATION = {"kind": "toponav exploration", "version": 2}
 _TRAINING = {"kind": "toponav training", "version": 1}
@@ -82,12 +83,19 @@ def restore_exploration(
     A run that was cut off before its first checkpoint begins at its start.
 
     Raises:
-        SettingsError: if the checkpoint is damaged or of other settings.
+        SettingsError: if the checkpoint is damaged or of other settings, or its parts
+            do not fit each other.
     """
     path = folder / CHECKPOINT_FILE
     if not path.is_file():
         return None
     with reading_checkpoint(path, "resume", _EXPLORATION, "an exploration") as found:
+        # Before anything is changed: some of it is used much later, or elsewhere.
+        _require_state(found["state"])
+        known = consumers.keys() & found["consumers"].keys()
+        states = {name: found["consumers"][name] for name in known}
+        if (unlike := unlike_counts(found["state"]["decisions"], states)) is not None:
+            raise ValueError(f"it must have {unlike}")
         for name, consumer in consumers.items():
             # A consumer that is new in the resumed run starts fresh.
             if name in found["consumers"]:
@@ -137,3 +145,15 @@ def restore_training(
         torch.set_rng_state(found["torch_generator"])
         history: list[dict[str, float]] = found["history"]
     return history
+
+
+def _require_state(state: Mapping[str, Any]) -> None:
+    """Raise ValueError unless counters and tables are of the kinds that runs write."""
+    for name, like in vars(ExplorationState()).items():
+        found = state.get(name, like)
+        fits = type(found) is type(like)
+        if isinstance(found, int | float):
+            fits = fits and 0 <= found < math.inf
+        if not fits:
+            rule = f"{name} must be of type {type(like).__name__}, and not negative"
+            raise ValueError(f"{rule}, got {str(found)[:30]}")

@@ -1,4 +1,4 @@
-"""Whether the parts of an exploration's state fit each other, before it is saved."""
+"""Whether the parts of an exploration's state fit each other, saved or restored."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -21,13 +21,21 @@ def require_whole(decisions: int, states: Mapping[str, Mapping[str, Any]]) -> No
     Raises:
         TrainingError: if they do not fit each other.
     """
+    if (unlike := unlike_counts(decisions, states)) is not None:
+        raise TrainingError(
+            f"what a run saves must have {unlike}; its last checkpoint stays as it was"
+        )
+
+
+def unlike_counts(
+    decisions: int, states: Mapping[str, Mapping[str, Any]]
+) -> str | None:
+    """What does not fit in the states of `require_whole`, in words, if anything."""
     for what, counts in _counts(decisions, states):
         if len(set(counts.values())) > 1:
             given = ", ".join(f"{count:,} {name}" for name, count in counts.items())
-            raise TrainingError(
-                f"what a run saves must have one number of {what}, got {given}; its "
-                "last checkpoint stays as it was"
-            )
+            return f"one number of {what}, got {given}"
+    return None
 
 
 def _counts(

@@ -85,8 +85,9 @@ class BayesianDynamics(nn.Module):
         )
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("deviation", torch.ones(size))
-        # The newest is last; NaN where there was no batch yet.
-        self.register_buffer("medians", torch.full((_MEDIANS,), torch.nan))
+        # The newest is last; -1 where there was no batch yet, which a checkpoint may
+        # hold and NaN may not.
+        self.register_buffer("medians", torch.full((_MEDIANS,), -1.0))
 
     def forward(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
         """Relative information gain of decisions, ``[*B]``; 0 before the first batch.
@@ -102,7 +103,8 @@ class BayesianDynamics(nn.Module):
     @property
     def scale(self) -> Tensor:
         """Mean of the medians of the last batches in nats, at least 1e-8."""
-        return self.medians.nanmean().clamp_min(1e-8)
+        known = self.medians.masked_fill(self.medians < 0, torch.nan)
+        return known.nanmean().clamp_min(1e-8)
 
     def gain(self, before: Tensor, action: Tensor, after: Tensor) -> Tensor:
         """Information gain of decisions in nats, ``[*B]``."""
@@ -139,7 +141,8 @@ class BayesianDynamics(nn.Module):
 
     def count_median(self, gain: Tensor) -> None:
         """Scale by the median of these gains, too."""
-        self.medians.copy_(torch.cat([self.medians[1:], gain.median().reshape(1)]))
+        median = gain.median().clamp_min(0).reshape(1)
+        self.medians.copy_(torch.cat([self.medians[1:], median]))
 
 
 class DynamicsTrainer:
