@@ -197,3 +197,11 @@ def test_a_view_outside_of_the_file_is_refused(tmp_path, place) -> None:
     with pytest.raises(ValueError, match="places in views must be inside of it, got"):
         ViewFile(tmp_path / "views").load_state_dict(state)
     assert (tmp_path / "views").read_bytes() == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is full")
+def test_a_full_disk_is_said_with_the_file() -> None:
+    full = ViewFile(Path("/dev/full"))
+    with pytest.raises(OSError, match=r"No space left on device: '/dev/full'"):
+        full.append(torch.zeros(4, 6, 3, dtype=torch.uint8))
+    assert len(full) == 0

@@ -38,6 +38,12 @@ def test_what_fails_while_it_is_written_is_named(tmp_path: Path) -> None:
     reason = "No space left on device"
     with pytest.raises(OSError, match=f"{reason}: '{path}'"), replacing(path):
         raise OSError(errno.ENOSPC, reason)
+    reason = "Read-only file system"
+    with (
+        pytest.raises(OSError, match=f"{reason}: '{path}'"),
+        replacing(path) as temporary,
+    ):
+        raise OSError(errno.EROFS, reason, temporary)
 
 
 def test_a_reader_never_finds_half_a_file(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """What a run needs of the machine, looked at before it starts anything."""
 
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ from tests.forked import run_forked
 from tests.mounts import disk, needs_mounts
 from tests.sweeps import make_exploration
 from toponav.builders import make_networks, pretraining_folder, save_networks
-from toponav.config import ExploreConfig, PretrainConfig
+from toponav.config import ExploreConfig, PretrainConfig, SettingsError
 from toponav.methods import make_worlds
 from toponav.training import require_explore_room, require_pretrain_room, room
 
@@ -89,6 +90,24 @@ def test_a_pretraining_needs_room_for_its_batches(needs: Needs, tmp_path: Path) 
     views, engines = 128 * 60 * 80 * 3, 4 * 96 * 1024
     assert needs["collect.batch"] == pytest.approx(2 * (views + engines) * 1e-6)
     assert needs["hydra.run.dir"] > 4
+
+
+def test_a_pretraining_needs_a_short_temporary_folder(
+    needs: Needs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = settings("pretrain", "scale=smoke")
+    assert isinstance(config, PretrainConfig)
+    worlds = make_worlds(config)
+    networks = make_networks(config.model, worlds[0].spec).modules
+    for length in (71, 72):
+        folder = "/" + "x" * (length - 1)
+        monkeypatch.setattr(tempfile, "tempdir", folder)
+        if length == 72:
+            rule = rf"^TMPDIR must be at most 71 bytes long.*got '{folder}'$"
+            with pytest.raises(SettingsError, match=rule):
+                require_pretrain_room(config, worlds, networks, tmp_path)
+        else:
+            require_pretrain_room(config, worlds, networks, tmp_path)
 
 
 SMOKE = ("scale=smoke", "reward=random", "evaluate.random_folder=kept")

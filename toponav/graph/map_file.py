@@ -20,7 +20,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from toponav.graph.views import encode_view
+from toponav.graph.views import encode_view, naming
 
 _FORMAT, _VERSION = "toponav map", 2
 _COUNTS, _SIMILARITIES = ("version", "network_version"), ("tc_threshold", "tc_reach")
@@ -59,7 +59,7 @@ def save_map(
     first = list(islice(pictures, 1))
     fresh = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        with fresh.open("wb") as file:
+        with naming(path), fresh.open("wb") as file:
             with zipfile.ZipFile(file, "w") as archive:
                 _write(archive, "graph.json", _graph(state, about or {}, first))
                 for name in _ARRAYS:

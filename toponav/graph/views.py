@@ -3,7 +3,8 @@
 import io
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, overload
 
@@ -94,6 +95,17 @@ class _Pictures(Sequence[bytes]):
         return os.pread(self._file.fileno(), length, begin)
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in an ``OSError`` of the block, which a full disk does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
+
+
 class ViewFile:
     """Views as PNG, one after another in a file, each encoded and written once.
 
@@ -123,10 +135,11 @@ class ViewFile:
     def append(self, view: Tensor) -> None:
         data = encode_view(view)
         at = self._size
-        self._file.seek(at)
         left = memoryview(data)
-        while left:
-            left = left[self._file.write(left) :]
+        with naming(self.path):
+            self._file.seek(at)
+            while left:
+                left = left[self._file.write(left) :]
         self._size += len(data)
         self._checksum = zlib.crc32(data, self._checksum)
         self._places.append((at, len(data)))

@@ -51,8 +51,10 @@ def replacing(path: Path | str) -> Iterator[Path]:
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        # What fails while it is written, such as on a full disk, names no file.
-        if error.errno is not None and error.filename is None:
+        # What fails while it is written, such as on a full disk, names no file, and
+        # nobody knows the temporary one.
+        unnamed = error.filename is None or str(error.filename) == str(temporary)
+        if error.errno is not None and unnamed:
             error.filename = str(path)
         raise
     finally:

@@ -3,6 +3,8 @@
 All sizes are what a run needs at least: what it learns and draws comes on top.
 """
 
+import os
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,12 +17,15 @@ from toponav.builders import (
     make_networks,
     pretraining_folder,
 )
-from toponav.config import ExploreConfig, PretrainConfig
+from toponav.config import ExploreConfig, PretrainConfig, require
 from toponav.envs import load_engine
 from toponav.methods import LEARNERS, REWARDS
 from toponav.runs import require_room, require_shared_memory
 
 _MB, _FLOAT = 1e-6, 4
+# A socket's path has at most 103 bytes (macOS; 107 on Linux), of which Python takes 32:
+# /pymp-xxxxxxxx/listener-xxxxxxxx. Beyond, views of a pre-training never arrive.
+_LONGEST_TMPDIR = 71
 #: MB of tables, pictures, logs and a video.
 _SMALL_MB = 4.0
 # Of each process that collects, since each of some fifty entries has pages of its own.
@@ -75,6 +80,10 @@ def require_pretrain_room(
     weights = (_CHECKPOINTS + 1) * weight_bytes(networks)
     require_room(folder, where, _SMALL_MB + weights * _MB)
     if settings.train.updates:
+        temporary = tempfile.gettempdir()
+        rule = f"TMPDIR must be at most {_LONGEST_TMPDIR} bytes long, since processes "
+        rule += "talk through sockets in it"
+        require(len(os.fsencode(temporary)) <= _LONGEST_TMPDIR, rule, f"'{temporary}'")
         collect = settings.collect
         processes = max(collect.workers, len(worlds))
         shared = collect.batch * _view_bytes(worlds[0], halve=settings.model.halve)
