@@ -85,12 +85,20 @@ def _list_fonts() -> None:
         with suppress(OSError):  # it has been removed meanwhile
             if time.time() - lock.stat().st_mtime > _LISTING_S:
                 lock.unlink()
-    if not any(folder.glob("fontlist-*.json")) and hasattr(signal, "pthread_sigmask"):
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, _NUMBERS)
+    if not any(folder.glob("fontlist-*.json")):
+        caught = list[int]()
+        before = {number: signal.getsignal(number) for number in _NUMBERS}
+        for number in _NUMBERS:
+            # Not masked: any other thread would take it.
+            if before[number] is not signal.SIG_IGN:
+                signal.signal(number, lambda number, _: caught.append(number))
         try:
             import matplotlib.font_manager
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        if caught:
+            os.kill(os.getpid(), caught[0])
 
 
 def _send_if_lost(lost: "sys.UnraisableHookArgs") -> None:

@@ -138,6 +138,8 @@ def test_an_episodic_memory_is_empty_where_an_episode_begins():
     assert walk.times(0.5, episodic=True) == [0, 1, 2, 3, 4]
     # Without those at 2 and 4, which begin an episode.
     assert walk.share(0.5, episodic=True) == 3 / 6
+    # A checkpoint of networks that continue training has it, and reads no NumPy.
+    assert type(walk.share(0.5, episodic=True)) is float
     assert walk.share(0.1, episodic=True) == (3 - 2) / 6
 
 

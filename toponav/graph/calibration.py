@@ -123,7 +123,8 @@ class WalkWaypoints:
         Of an ``episodic`` memory without those that begin a later episode: they are new
         at any threshold, and where episodes are short no share would be met.
         """
-        begun = np.count_nonzero(np.diff(self.episode)) if episodic else 0
+        # A number of Python's: a checkpoint refuses those of NumPy.
+        begun = int(np.count_nonzero(np.diff(self.episode))) if episodic else 0
         kept = len(self.times(threshold, episodic=episodic))
         return (kept - begun) / len(self.later)
 
