@@ -160,8 +160,8 @@ def test_settings_out_of_range_are_refused() -> None:
         explore_settings("reward=vime", "reward.step_size=0")
 
 
-def test_it_can_be_resumed_before_its_first_batch() -> None:
-    # What a run reads again must be numbers: the scale is unknown, not NaN, until then.
+def test_its_state_is_numbers_alone_before_its_first_batch() -> None:
+    # A checkpoint with NaN is refused, and the run could not be resumed.
     dynamics = BayesianDynamics((2,), num_actions=2)
     assert all(one.isfinite().all() for one in dynamics.state_dict().values())
     assert dynamics.scale.isnan()

@@ -21,7 +21,7 @@ from toponav.modules import (
     SmallEncoder,
     TCNetwork,
 )
-from toponav.runs import is_number, is_plain, reading_checkpoint, save_atomically
+from toponav.runs import is_plain, reading_checkpoint, save_atomically
 from toponav.worlds import WorldSpec
 
 #: The file in a run folder that holds the networks.
@@ -244,7 +244,7 @@ def _read_thresholds(
     """The thresholds of a file; SettingsError unless they are similarities."""
     for name, value in found.items():
         rule = f"{setting} must name networks whose thresholds are numbers in [0, 1]"
-        holds = is_number(value) and 0 <= value <= 1
+        holds = type(value) in (int, float) and 0 <= value <= 1
         require(holds, rule, f"{file} with {name}={str(value)[:40]}")
     return dict(found)
 

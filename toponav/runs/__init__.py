@@ -8,7 +8,6 @@ from toponav.runs.draws import (
 from toponav.runs.files import (
     CHECKPOINT_FILE as CHECKPOINT_FILE,
     Figures as Figures,
-    is_number as is_number,
     is_plain as is_plain,
     make_loggers as make_loggers,
     reading_checkpoint as reading_checkpoint,

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -172,16 +172,6 @@ def is_plain(found: object) -> bool:
     if found.device.type == "meta" or found.is_complex() or found.is_quantized:
         return False
     return found.nbytes <= found.untyped_storage().nbytes()
-
-
-def is_number(found: object) -> TypeGuard[float]:
-    """Whether it is a plain number, which ``True`` is not; NaN is one.
-
-    Examples:
-        >>> is_number(0.5), is_number("0.5"), is_number(True)
-        (True, False, False)
-    """
-    return isinstance(found, int | float) and not isinstance(found, bool)
 
 
 def make_loggers(folder: Path, last_step: int) -> list[Logger]:
