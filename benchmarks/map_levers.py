@@ -62,8 +62,17 @@ LEVERS: dict[str, dict[str, Any]] = {
     "surroundings above 0.8": {"surroundings_above": 0.8},
     "edges both": {"edges": "both"},
     "untraversed edges cost 1": {"untraversed_edge_cost": 1.0},
-    "poses": {"poses": True},
-    "poses, no surroundings": {"poses": True, "surroundings": 0},
+    "window 0": {"window": 0},
+    "window 3": {"window": 3},
+    "search window 1": {"search_window": 1},
+    "search window 4": {"search_window": 4},
+    "no hysteresis": {"hysteresis": False},
+    "poses": {},
+}
+LEVERS |= {
+    f"poses, {lever}": LEVERS[lever]
+    for lever in list(LEVERS)
+    if lever.startswith(("no ", "window", "search window"))
 }
 #: Which moves become edges of a map by poses: other rows of the table.
 MOVES: dict[str, MoveRules] = {
@@ -247,8 +256,8 @@ def main() -> None:
             walks.memmap(options.walks)
     rows = []
     for lever in options.levers:
-        # A map by poses is one of the levers here.
-        config = replace(settings.map, **{"poses": False, **LEVERS[lever]})
+        by_poses = lever.startswith("poses")
+        config = replace(settings.map, poses=by_poses, **LEVERS[lever])
         played = walks[: options.episodes]
         rules = MOVES.get(lever), SUPPORT.get(lever)
         numbers = grow(config, played, world, networks, *rules)

@@ -151,6 +151,7 @@ GRAPH = {
     "about": (("graph", "about"), {"maze": 5}),
     "about list": (("graph", "about"), [["maze", "maze1"]]),
     "views": (("graph", "views"), "x"),
+    "id": (("nodes", 1, "id"), 2),
 }
 
 
@@ -241,6 +242,7 @@ def damaged(path, how):
         ("about", "got the damaged .*words that are none"),
         ("about list", "got the damaged .*words that are none"),
         ("views", "got the damaged "),
+        ("id", "got the damaged .*waypoints that are not 0, 1, 2 and so on"),
         ("negative", "got the damaged .* traversals_back that are no counts"),
         ("other", "a map must hold graph.json, got "),
         ("newer", "a map must be of version 2, got .* with toponav map 9"),

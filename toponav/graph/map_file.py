@@ -149,6 +149,8 @@ def _read(
         )
     nodes, edges, graph = content["nodes"], content["edges"], content["graph"]
     state = _numbers(graph)
+    ids = [node["id"] for node in nodes]
+    _check(ids == list(range(len(nodes))), "waypoints that are not 0, 1, 2 and so on")
     most = max(_ARRAY_EXPANSION * path.stat().st_size, _ANY_ARRAY)
     for name in _ARRAYS:
         state[name] = _array(archive, name, len(nodes), most)
