@@ -69,6 +69,18 @@ def test_the_head_learns_the_actions_that_were_taken(tmp_path: Path) -> None:
     assert not head.training
 
 
+def test_weights_of_the_head_decay_as_its_settings_say(tmp_path: Path) -> None:
+    sizes = []
+    for decay in (0.0, 10.0):
+        decayed = f"locomotion.weight_decay={decay}"
+        finetuner, head = make(explore_settings(*SETTINGS, "locomotion.k=4", decayed))
+        finetuner.extend(walks())
+        finetuner.finish(tmp_path)
+        sizes.append(sum(float(weight.detach().norm()) for weight in head.parameters()))
+    # 150 updates of a rate up to 0.01 shrink weights by up to a tenth each.
+    assert sizes[1] < sizes[0] / 2
+
+
 def test_the_encoder_stays_as_it_is(tmp_path: Path) -> None:
     config = explore_settings(*SETTINGS, "locomotion.k=4")
     networks = make_networks(config.model, WORLD)

@@ -107,6 +107,7 @@ class LocomotionConfig(Settings):
     updates: int = at_least(1)
     pairs: int = at_least(1)
     lr: float = above(0)
+    weight_decay: float = at_least(0)
 
 
 @dataclass

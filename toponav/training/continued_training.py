@@ -35,8 +35,8 @@ from toponav.training.episode_log import mean_of
 from toponav.training.pair_trainer import PairTrainer, make_pair_trainer
 from toponav.training.recalibration import Recalibration
 
-# Of the L-network's head alone, and the updates between two rows of its log.
-_WEIGHT_DECAY, _ROW_EVERY = 1e-3, 100
+# Updates between two rows of the log of the L-network's head.
+_ROW_EVERY = 100
 
 
 class ContinuedTraining(Consumer):
@@ -200,7 +200,7 @@ class LocomotionFinetuner(Consumer):
             self._draw_pairs,
             generator=self.generator,
             lr=config.lr,
-            weight_decay=_WEIGHT_DECAY,
+            weight_decay=config.weight_decay,
             autocast=make_autocast(self.device, bf16=True),
             check=self.check,
         )
