@@ -37,6 +37,13 @@ def test_only_what_changes_a_result_changes_the_key() -> None:
     assert run_key("pretrain", SETTINGS) != key
 
 
+def test_a_setting_that_was_a_number_in_code_leaves_the_keys_of_former_runs() -> None:
+    def key(**locomotion: float) -> str:
+        return run_key("explore", {**SETTINGS, "locomotion": locomotion})
+
+    assert key(k=8, weight_decay=1e-3) == key(k=8) != key(k=8, weight_decay=1e-4)
+
+
 def test_words_for_another_recipe_count_if_they_change_its_result() -> None:
     def key(*words: str) -> str:
         return run_key("explore", {**SETTINGS, "pretraining": {"overrides": [*words]}})

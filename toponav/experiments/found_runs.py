@@ -30,6 +30,8 @@ _NOT_RESULTS = frozenset(
         *("evaluate.random_folder", "train.threads", "train.save_every_s"),
     )
 )
+#: Numbers that were in code before they were settings; with them a run keeps its key.
+_FORMER = {"locomotion.weight_decay": 1e-3}
 #: Settings that hold words for another recipe, of which the same is left out.
 _WORDS = "pretraining.overrides"
 #: Settings that name the run of others.
@@ -43,8 +45,8 @@ def run_key(recipe: str, settings: Mapping[str, Any]) -> str:
     """A short word for all settings that a run's result depends on.
 
     ``settings`` are plain values, nested. A setting that is ``None`` counts as absent,
-    so that one that is new changes no key; another run is known by its own key and not
-    by its folder.
+    and so does a new one with the number that was in code before, so that neither
+    changes a key; another run is known by its own key and not by its folder.
 
     Examples:
         >>> one = run_key("explore", {"seed": 0, "threads": 1, "resume": None})
@@ -56,7 +58,7 @@ def run_key(recipe: str, settings: Mapping[str, Any]) -> str:
     values = {
         name: _key_of_other(value) if name in OTHER_RUNS else value
         for name, value in _flat(settings)
-        if name not in _NOT_RESULTS and value is not None
+        if name not in _NOT_RESULTS and value not in (None, _FORMER.get(name))
     }
     if _WORDS in values:
         values[_WORDS] = [one for one in values[_WORDS] if _matters(one)]
