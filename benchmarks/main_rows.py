@@ -6,15 +6,18 @@ Coverage by the name of a policy (``best``, ``last``, ...) is in % of the maze, 
 that the run evaluated at its end. Decisions to 90 % are of the episodes that reached
 it; of the policy that the run kept (``kept``) also with those that missed it, as if
 they had reached it at their end. Minutes are those of the phases. ``networks`` is the
-maze that the networks were trained in. The map is that of the last row of ``map.csv``,
-and ``coverage`` the share of the cells, in [0, 1], in which one of its waypoints lies.
-Beside ``decisions_to_cover``, the decisions of the run until its map covered every
-cell, stand those of random walks in its place (mean of three seeds): until the agents
-that feed the map have seen every cell, in decisions of all agents.
+maze that the networks were trained in. ``--settings collect.envs`` adds a column. The
+map, if there is one, is that of the last row of ``map.csv``, and ``coverage`` the share
+of the cells, in [0, 1], in which one of its waypoints lies. Beside
+``decisions_to_cover``, the decisions of the run until its map covered every cell, stand
+those of random walks in its place (mean of three seeds): until the agents that feed the
+map have seen every cell, in decisions of all agents.
 """
 
 import argparse
+from collections.abc import Sequence
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +27,7 @@ from pose_maps import read_settings
 from torchrl.envs import InitTracker, TransformedEnv
 
 from toponav.builders import collect_rollout, make_layout
-from toponav.config import maze_label
+from toponav.config import ExploreConfig, maze_label
 from toponav.envs import Layout, MazeEnv
 from toponav.keys import CELL
 from toponav.policies import RandomPolicy
@@ -59,17 +62,28 @@ def random_to_cover(layout: Layout, fed: int, envs: int, length: int, seed: int)
     return steps * envs
 
 
-def read_run(run: Path) -> dict[str, object]:
-    """The row of a run folder that was evaluated."""
+def read_run(run: Path, shown: Sequence[str] = ()) -> dict[str, object]:
+    """The row of a run folder that was evaluated, with these of its settings."""
     settings = read_settings(run)
-    played = pd.read_csv(run / "evaluation.csv").groupby("policy")
-    phases = pd.read_csv(run / "phases.csv").set_index("phase")["seconds"]
-    last = pd.read_csv(run / "map.csv").iloc[-1]
-    coverage = 100 * played["coverage"].mean()
     maze = maze_label(settings.maze.name, settings.maze.path)
     row: dict[str, object] = {"maze": maze, "seed": settings.seed}
+    row |= {name: attrgetter(name)(settings) for name in shown}
     row["networks"] = settings.pretraining.maze or maze
-    row["decisions"] = int(last["decisions"])
+    row["decisions"] = int(pd.read_csv(run / "metrics.csv")["decisions"].iloc[-1])
+    row |= of_policies(run, settings.maze.episode_length)
+    took = pd.read_csv(run / "phases.csv")["seconds"].tolist()[::-1]
+    phases = dict(zip(("finish", "explore", "pretrain"), took, strict=False))
+    for name in ("pretrain", "explore", "finish"):
+        row[f"minutes_{name}"] = round(phases.get(name, np.nan) / 60, 1)
+    return row | of_map(run, settings) if (run / "map.csv").is_file() else row
+
+
+def of_policies(run: Path, length: int) -> dict[str, object]:
+    """What the policies cover in episodes of ``length`` decisions."""
+    evaluation = pd.read_csv(run / "evaluation.csv")
+    played = evaluation.groupby("policy")
+    coverage = 100 * played["coverage"].mean()
+    row: dict[str, object] = {}
     for name in ("best", "last", "random", "sticky"):
         if name in coverage:
             row[name] = round(coverage[name], 1)
@@ -79,18 +93,20 @@ def read_run(run: Path) -> dict[str, object]:
         row[f"{name}_episodes_at_90"] = f"{len(reached)} of {len(to_90)}"
         row[f"{name}_decisions_to_90"] = round(reached.mean()) if len(reached) else -1
     # The policy with more reward comes first.
-    kept = next(iter(pd.read_csv(run / "evaluation.csv")["policy"]))
+    kept = evaluation["policy"].iloc[0]
     to_90 = played.get_group(kept)["decisions_to_90"]
-    length = settings.maze.episode_length
     row |= {"kept": kept, "kept_coverage": round(coverage[kept], 1)}
     row["kept_decisions_to_90_or_end"] = round(to_90.where(to_90 >= 0, length).mean())
-    for number, name in enumerate(("pretrain", "explore", "finish")):
-        took = phases.iloc[number] if len(phases) == 3 else np.nan
-        row[f"minutes_{name}"] = round(took / 60, 1)
-    row["waypoints_per_cell"] = round(last["waypoints"] / last["cells"], 1)
+    return row
+
+
+def of_map(run: Path, settings: ExploreConfig) -> dict[str, object]:
+    """The last row of its map, and how soon random walks would have fed one."""
+    last = pd.read_csv(run / "map.csv").iloc[-1]
+    row = {"waypoints_per_cell": round(last["waypoints"] / last["cells"], 1)}
     row |= {name: float(f"{last[name]:.4g}") for name in MAP}
     layout, envs = make_layout(settings.maze), settings.collect.envs
-    given = layout, settings.map.envs or envs, envs, length
+    given = layout, settings.map.envs or envs, envs, settings.maze.episode_length
     walked = [random_to_cover(*given, seed) for seed in range(3)]
     return row | {"random_decisions_to_cover": round(sum(walked) / 3)}
 
@@ -99,9 +115,10 @@ def main() -> None:
     """Print the rows, and keep them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--settings", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    rows = pd.DataFrame([read_run(run) for run in options.runs])
+    rows = pd.DataFrame([read_run(run, options.settings) for run in options.runs])
     print(rows.to_string())
     if options.out:
         rows.to_csv(options.out, index=False, lineterminator="\n")

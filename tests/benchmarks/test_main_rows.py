@@ -29,6 +29,7 @@ def test_a_row_is_of_the_last_map_and_of_the_policy_that_was_kept(
     monkeypatch.setattr(rows, "random_to_cover", lambda *given: 100 + given[-1])
     (tmp_path / "evaluation.csv").write_text(EVALUATION)
     (tmp_path / "map.csv").write_text(MAP)
+    (tmp_path / "metrics.csv").write_text("decisions\n1000\n2000\n")
     (tmp_path / "phases.csv").write_text("phase,seconds\na,60\nb,90\nc,120\n")
     row = rows.read_run(tmp_path)
     # 61 of 63 cells have a waypoint.
@@ -42,3 +43,11 @@ def test_a_row_is_of_the_last_map_and_of_the_policy_that_was_kept(
     assert row["kept_decisions_to_90_or_end"] == 1100
     assert row["last_episodes_at_90"] == "1 of 2"
     assert row["minutes_explore"] == 1.5
+    # Without pre-training and map, with a setting of its own.
+    (tmp_path / "map.csv").unlink()
+    (tmp_path / "phases.csv").write_text("phase,seconds\nb,90\nc,120\n")
+    shorter = rows.read_run(tmp_path, ["maze.episode_length"])
+    assert shorter["maze.episode_length"] == 1800
+    assert (shorter["minutes_explore"], shorter["minutes_finish"]) == (1.5, 2.0)
+    assert shorter.items() < (row | shorter).items()
+    assert "stretch" not in shorter
