@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import tempfile
 import time
 from collections.abc import Iterator
@@ -46,8 +47,13 @@ DEVICES = [
 
 
 def pytest_configure() -> None:
-    """Every worker of pytest-xdist takes the day of the process that starts it."""
+    """Every worker of pytest-xdist takes the day of the process that starts it.
+
+    Ctrl-C is heard also where the tests run in a background that ignores it: programs
+    that they start would ignore it, too.
+    """
     os.environ.setdefault(_DAY, str(date.today().toordinal()))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
