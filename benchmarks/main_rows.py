@@ -17,12 +17,12 @@ map have seen every cell, in decisions of all agents.
 import argparse
 from collections.abc import Sequence
 from functools import cache
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import torch
+from omegaconf import OmegaConf
 from pose_maps import read_settings
 from torchrl.envs import InitTracker, TransformedEnv
 
@@ -31,12 +31,15 @@ from toponav.config import ExploreConfig, maze_label
 from toponav.envs import Layout, MazeEnv
 from toponav.keys import CELL
 from toponav.policies import RandomPolicy
+from toponav.reports.schedule import EVALUATE, EXPLORE, PRETRAIN
 
 MAP = (
     *("coverage", "first_waypoint_share", "last_waypoint_share", "false_edges"),
     *("false_paths", "missing_edges", "true_components", "stretch"),
     "decisions_to_cover",
 )
+#: What the columns of minutes are called, and the phases in ``phases.csv``.
+PHASES = {"pretrain": PRETRAIN, "explore": EXPLORE, "finish": EVALUATE}
 
 
 @cache
@@ -67,14 +70,15 @@ def read_run(run: Path, shown: Sequence[str] = ()) -> dict[str, object]:
     settings = read_settings(run)
     maze = maze_label(settings.maze.name, settings.maze.path)
     row: dict[str, object] = {"maze": maze, "seed": settings.seed}
-    row |= {name: attrgetter(name)(settings) for name in shown}
+    if shown:
+        saved = OmegaConf.load(run / "config" / "config.yaml")
+        row |= {name: OmegaConf.select(saved, name) for name in shown}
     row["networks"] = settings.pretraining.maze or maze
     row["decisions"] = int(pd.read_csv(run / "metrics.csv")["decisions"].iloc[-1])
     row |= of_policies(run, settings.maze.episode_length)
-    took = pd.read_csv(run / "phases.csv")["seconds"].tolist()[::-1]
-    phases = dict(zip(("finish", "explore", "pretrain"), took, strict=False))
-    for name in ("pretrain", "explore", "finish"):
-        row[f"minutes_{name}"] = round(phases.get(name, np.nan) / 60, 1)
+    phases = pd.read_csv(run / "phases.csv").set_index("phase")["seconds"]
+    for name, phase in PHASES.items():
+        row[f"minutes_{name}"] = round(phases.get(phase, np.nan) / 60, 1)
     return row | of_map(run, settings) if (run / "map.csv").is_file() else row
 
 

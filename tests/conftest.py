@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from datetime import date
@@ -53,14 +54,15 @@ def pytest_configure() -> None:
     that they start would ignore it, too.
     """
     os.environ.setdefault(_DAY, str(date.today().toordinal()))
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Slow tests come last, where a change is judged from another third on each day."""
     fast = [item for item in items if not _is_slow(item)]
     slow = [item for item in items if _is_slow(item)]
-    # Where not all fit, the last are left out: not always the same ones.
+    # Where not all fit, not always the same ones are left out.
     first = int(os.environ[_DAY]) % 3 * len(slow) // 3 if "CI" in os.environ else 0
     items[:] = fast + slow[first:] + slow[:first]
 

@@ -1,5 +1,6 @@
 """The row of an exploration, from the files that it left."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,11 @@ false_edges,false_paths,missing_edges,true_components,stretch,decisions_to_cover
 2000,630,63,0.968254,0.05,0.001,0.01,0.02,0.03,2,1.05,1200
 """
 
+PHASES = """phase,seconds
+explore,90
+evaluate and finish map and networks,120
+"""
+
 
 def test_a_row_is_of_the_last_map_and_of_the_policy_that_was_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -30,7 +36,7 @@ def test_a_row_is_of_the_last_map_and_of_the_policy_that_was_kept(
     (tmp_path / "evaluation.csv").write_text(EVALUATION)
     (tmp_path / "map.csv").write_text(MAP)
     (tmp_path / "metrics.csv").write_text("decisions\n1000\n2000\n")
-    (tmp_path / "phases.csv").write_text("phase,seconds\na,60\nb,90\nc,120\n")
+    (tmp_path / "phases.csv").write_text(f"{PHASES}pre-train,60\n")
     row = rows.read_run(tmp_path)
     # 61 of 63 cells have a waypoint.
     assert row["coverage"] == 0.9683
@@ -42,12 +48,15 @@ def test_a_row_is_of_the_last_map_and_of_the_policy_that_was_kept(
     assert (row["kept"], row["kept_coverage"]) == ("last", 80.0)
     assert row["kept_decisions_to_90_or_end"] == 1100
     assert row["last_episodes_at_90"] == "1 of 2"
-    assert row["minutes_explore"] == 1.5
+    assert (row["minutes_pretrain"], row["minutes_explore"]) == (1.0, 1.5)
     # Without pre-training and map, with a setting of its own.
     (tmp_path / "map.csv").unlink()
-    (tmp_path / "phases.csv").write_text("phase,seconds\nb,90\nc,120\n")
-    shorter = rows.read_run(tmp_path, ["maze.episode_length"])
-    assert shorter["maze.episode_length"] == 1800
+    (tmp_path / "phases.csv").write_text(PHASES)
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config/config.yaml").write_text("loss:\n  name: ppo\n")
+    shorter = rows.read_run(tmp_path, ["loss.name"])
+    assert shorter["loss.name"] == "ppo"
+    assert math.isnan(shorter["minutes_pretrain"])
     assert (shorter["minutes_explore"], shorter["minutes_finish"]) == (1.5, 2.0)
-    assert shorter.items() < (row | shorter).items()
+    assert shorter["kept_coverage"] == 80.0
     assert "stretch" not in shorter
