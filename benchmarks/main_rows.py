@@ -31,7 +31,6 @@ from toponav.config import ExploreConfig, maze_label
 from toponav.envs import Layout, MazeEnv
 from toponav.keys import CELL
 from toponav.policies import RandomPolicy
-from toponav.reports.schedule import EVALUATE, EXPLORE, PRETRAIN
 
 MAP = (
     *("coverage", "first_waypoint_share", "last_waypoint_share", "false_edges"),
@@ -39,7 +38,11 @@ MAP = (
     "decisions_to_cover",
 )
 #: What the columns of minutes are called, and the phases in ``phases.csv``.
-PHASES = {"pretrain": PRETRAIN, "explore": EXPLORE, "finish": EVALUATE}
+PHASES = {
+    "pretrain": "pre-train",
+    "explore": "explore",
+    "finish": "evaluate and finish map and networks",
+}
 
 
 @cache

@@ -74,7 +74,7 @@ def take_all(config: PretrainConfig, *worlds: UnluckyWorld) -> None:
 
 
 #: Death is seen at once; who hangs need not have begun, on a busy machine.
-PATIENCE = {die: 60, hang: 8}
+PATIENCE = {die: 120, hang: 8}
 
 
 @pytest.mark.slow
@@ -97,7 +97,7 @@ def test_it_is_one_sentence_and_no_process_is_left(
     begin = time.monotonic()
     with pytest.raises(CollectionError, match=sentence):
         take_all(config, world)
-    assert time.monotonic() - begin < 50
+    assert time.monotonic() - begin < 100
     assert_no_process_is_left()
 
 
@@ -119,7 +119,7 @@ def test_one_of_two_is_missed_while_the_other_delivers(
     begin = time.monotonic()
     with pytest.raises(CollectionError, match=sentence):
         take_all(config, UnluckyWorld(then, False), UnluckyWorld(int, False))
-    assert time.monotonic() - begin < 50
+    assert time.monotonic() - begin < 100
     assert_no_process_is_left()
 
 
