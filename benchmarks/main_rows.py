@@ -6,12 +6,12 @@ Coverage by the name of a policy (``best``, ``last``, ...) is in % of the maze, 
 that the run evaluated at its end. Decisions to 90 % are of the episodes that reached
 it; of the policy that the run kept (``kept``) also with those that missed it, as if
 they had reached it at their end. Minutes are those of the phases. ``networks`` is the
-maze that the networks were trained in. ``--settings collect.envs`` adds a column. The
-map, if there is one, is that of the last row of ``map.csv``, and ``coverage`` the share
-of the cells, in [0, 1], in which one of its waypoints lies. Beside
-``decisions_to_cover``, the decisions of the run until its map covered every cell, stand
-those of random walks in its place (mean of three seeds): until the agents that feed the
-map have seen every cell, in decisions of all agents.
+maze that the networks were trained in, or the name of their file. ``--settings
+collect.envs`` adds a column. The map, if there is one, is that of the last row of
+``map.csv``, and ``coverage`` the share of the cells, in [0, 1], in which one of its
+waypoints lies. Beside ``decisions_to_cover``, the decisions of the run until its map
+covered every cell, stand those of random walks in its place (mean of three seeds):
+until the agents that feed the map have seen every cell, in decisions of all agents.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from omegaconf import OmegaConf
 from pose_maps import read_settings
 from torchrl.envs import InitTracker, TransformedEnv
 
-from toponav.builders import collect_rollout, make_layout
+from toponav.builders import collect_rollout, make_layout, networks_path
 from toponav.config import ExploreConfig, maze_label
 from toponav.envs import Layout, MazeEnv
 from toponav.keys import CELL
@@ -76,13 +76,25 @@ def read_run(run: Path, shown: Sequence[str] = ()) -> dict[str, object]:
     if shown:
         saved = OmegaConf.load(run / "config" / "config.yaml")
         row |= {name: OmegaConf.select(saved, name) for name in shown}
-    row["networks"] = settings.pretraining.maze or maze
+    row["networks"] = trained_in(settings) or maze
     row["decisions"] = int(pd.read_csv(run / "metrics.csv")["decisions"].iloc[-1])
     row |= of_policies(run, settings.maze.episode_length)
     phases = pd.read_csv(run / "phases.csv").set_index("phase")["seconds"]
     for name, phase in PHASES.items():
         row[f"minutes_{name}"] = round(phases.get(phase, np.nan) / 60, 1)
     return row | of_map(run, settings) if (run / "map.csv").is_file() else row
+
+
+def trained_in(settings: ExploreConfig) -> str | None:
+    """What the maze of its networks is called; ``None`` is its own."""
+    if settings.pretrained is None:
+        return settings.pretraining.maze
+    given = networks_path(settings.pretrained)
+    config = (given if given.is_dir() else given.parent) / "config" / "config.yaml"
+    if not config.is_file():  # one that came with the package, or was copied
+        return given.stem
+    maze = OmegaConf.load(config).maze
+    return maze_label(maze.name, maze.path)
 
 
 def of_policies(run: Path, length: int) -> dict[str, object]:

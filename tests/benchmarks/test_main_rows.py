@@ -60,3 +60,21 @@ def test_a_row_is_of_the_last_map_and_of_the_policy_that_was_kept(
     assert (shorter["minutes_explore"], shorter["minutes_finish"]) == (1.5, 2.0)
     assert shorter["kept_coverage"] == 80.0
     assert "stretch" not in shorter
+
+
+def test_networks_are_named_after_the_maze_that_they_were_trained_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = load_benchmark("main_rows", monkeypatch)
+    config = tmp_path / "config"
+    config.mkdir()
+    (config / "config.yaml").write_text("maze:\n  name: select\n  path: null\n")
+    named = {
+        "pretrained=null": None,
+        "pretraining.maze=maze2": "maze2",
+        f"pretrained={tmp_path}": "select",
+        f"pretrained={tmp_path / 'networks.pt'}": "select",
+        "pretrained=package:maze3": "maze3",
+    }
+    for given, name in named.items():
+        assert rows.trained_in(explore_settings(given)) == name, given
