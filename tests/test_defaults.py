@@ -87,6 +87,7 @@ NO_CHOICE = {
         "_WIDEST",
         "_ANY_ARRAY",
         "_ARRAY_EXPANSION",
+        *("_GRAPH_EXPANSION", "_ANY_GRAPH", "_LARGEST_GRAPH"),
     },
     "toponav/graph/navigation/localiser.py": {"_AT_ONCE"},
     "toponav/graph/navigation/pose_belief.py": {"_LEAST"},

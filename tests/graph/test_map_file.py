@@ -176,6 +176,8 @@ def lying_header() -> bytes:
 ENTRIES = {
     "bomb": ("embeddings.npy", lambda: bytes(80_000_000)),
     "liar": ("embeddings.npy", lying_header),
+    # 60 kB in the file, and more than a gigabyte as Python would read it.
+    "empty objects": ("graph.json", lambda: b"[" + b"{}," * 20_000_000 + b"{}]"),
     "deep": ("graph.json", lambda: b"[" * 100_000 + b"]" * 100_000),
 }
 
@@ -227,6 +229,7 @@ def damaged(path, how):
         ("flipped", "got the damaged "),
         ("list", "got the damaged "),
         ("bomb", "got the damaged .*a huge entry"),
+        ("empty objects", "got the damaged .*a huge graph.json"),
         ("liar", "got the damaged "),
         ("deep", "got the damaged "),
         ("nan", "got the damaged .*NaN or infinity in its embeddings"),

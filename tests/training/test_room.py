@@ -52,6 +52,17 @@ def test_what_an_exploration_needs_is_less_than_it_took(
     assert 0.9 * 6.67 < needs["collect.envs"] < 6.67
 
 
+def test_the_networks_that_processes_fetch_count(needs: Needs, tmp_path: Path) -> None:
+    given = ("reward=rnd", "policy.input=pixels", "map.grow=false")
+    ask(explore_settings(*given), tmp_path)
+    without = needs["collect.envs"]
+    config = explore_settings(*given, f"pretrained={tmp_path}")
+    ask(config, tmp_path)
+    tc = make_networks(config.model, world_of(config).spec).tc
+    weights = sum(one.nbytes for one in tc.state_dict().values())
+    assert needs["collect.envs"] - without == pytest.approx(1e-6 * weights)
+
+
 def test_a_checkpoint_is_written_beside_the_former_one(
     needs: Needs, tmp_path: Path
 ) -> None:

@@ -33,6 +33,9 @@ _EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
 _EXPANSION, _ANY_FILE, _LONGEST_SIDE = 100, 64_000_000, 4096
 # The same of an array, which is not compressed. Most numbers of an embedding.
 _ARRAY_EXPANSION, _ANY_ARRAY, _WIDEST = 10, 64_000_000, 65_536
+# The same of the graph, for each of its compressed bytes: those of maps are 5 to 14, and
+# Python may take 24 bytes for one of them. Most of any: of a million waypoints.
+_GRAPH_EXPANSION, _ANY_GRAPH, _LARGEST_GRAPH = 60, 1_000_000, 256_000_000
 #: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -140,6 +143,9 @@ def _read(
         raise MapFileError(f"a map must hold graph.json, got {path} without")
     room = max(_EXPANSION * path.stat().st_size, _ANY_FILE)
     _check(sum(entry.file_size for entry in archive.infolist()) <= room, "a huge entry")
+    entry = archive.getinfo("graph.json")
+    fair = max(_GRAPH_EXPANSION * entry.compress_size, _ANY_GRAPH)
+    _check(entry.file_size <= min(fair, _LARGEST_GRAPH), "a huge graph.json")
     content = json.loads(archive.read("graph.json"))
     if (content.get("format"), content.get("format_version")) != (_FORMAT, _VERSION):
         raise MapFileError(

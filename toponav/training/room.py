@@ -52,9 +52,10 @@ def require_explore_room(settings: ExploreConfig, world: World, folder: Path) ->
     # Before a policy is made, which may be of what such a sense measures.
     learner.require_senses(settings, world)
     policy = weight_bytes(learner.make_policy(settings, world))
+    fresh = make_networks(settings.model, world.spec) if has_networks else None
     files: float = (_CHECKPOINTS + 1) * policy
-    if needed and settings.pretrained is None:
-        networks = weight_bytes(make_networks(settings.model, world.spec).modules)
+    if fresh is not None and settings.pretrained is None:
+        networks = weight_bytes(fresh.modules)
         files += networks + 2 * _walks_bytes(settings)
         kept = pretraining_folder(settings)
         if not settings.resume and not (kept / NETWORKS_FILE).is_file():
@@ -63,7 +64,9 @@ def require_explore_room(settings: ExploreConfig, world: World, folder: Path) ->
     where = "resume" if settings.resume else "hydra.run.dir"
     require_room(folder, where, _SMALL_MB + files * _MB)
     if settings.collect.backend == "local":
-        shared = policy + _batch_bytes(settings, world, has_networks=has_networks)
+        # Processes fetch the policy and, where views are embedded, the TC-network.
+        shared = policy + (0 if fresh is None else weight_bytes(fresh.tc))
+        shared += _batch_bytes(settings, world, has_networks=has_networks)
         shared += settings.collect.envs * _engine_bytes(settings)
         require_shared_memory(shared * _MB, "collect.envs")
 
