@@ -17,6 +17,12 @@ RUNS: dict[str, tuple[str, ...]] = {
     "explore async": (
         *("explore", *SMALL, *EXPLORE, "collect.mode=async", "collect.workers=2"),
     ),
+    # The networks learn, too, as by default at the paper's scale, and another learner.
+    "explore learning": (
+        *("explore", *SMALL, *EXPLORE, "collect.mode=async", "collect.workers=2"),
+        *("online.learn=true", "online.every=64", "online.publish_every=128"),
+        "loss=a3c",
+    ),
     "pretrain": (
         *("pretrain", *SMALL, "collect.max_idle_s=200", "train.save_every_s=0.01"),
         *("validate.decisions=60", "validate.every=5"),

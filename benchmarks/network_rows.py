@@ -1,10 +1,10 @@
 """One row for each pre-training: how well its networks judge held-out episodes.
 
-    python benchmarks/network_rows.py runs/pretrain/maze1-... --out results/networks.csv
+    python benchmarks/network_rows.py runs/pretrain/... --out network_accuracy.csv
 
-Figures are those of ``report.json``, in %, of the maze that the walks were in; what they
-mean: `toponav.metrics`. ``l_useful_1`` to ``l_useful_4`` are the shares of the pairs as
-many decisions apart in which the L-network's most probable action leads nearer.
+Figures are those of ``report.json``, in %, of the maze that the walks were in; what
+they mean: `toponav.metrics`. ``l_useful_1`` to ``l_useful_4`` are the shares of pairs
+as many decisions apart in which the L-network's most probable action leads nearer.
 """
 
 import argparse

@@ -33,8 +33,8 @@ _EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
 _EXPANSION, _ANY_FILE, _LONGEST_SIDE = 100, 64_000_000, 4096
 # The same of an array, which is not compressed. Most numbers of an embedding.
 _ARRAY_EXPANSION, _ANY_ARRAY, _WIDEST = 10, 64_000_000, 65_536
-# The same of the graph, for each of its compressed bytes: those of maps are 5 to 14, and
-# Python may take 24 bytes for one of them. Most of any: of a million waypoints.
+# The same of the graph, for each of its compressed bytes: maps have 5 to 14, of which
+# Python may make 24 times as many. Most of any: of a million waypoints.
 _GRAPH_EXPANSION, _ANY_GRAPH, _LARGEST_GRAPH = 60, 1_000_000, 256_000_000
 #: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
