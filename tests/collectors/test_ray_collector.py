@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
+from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -19,6 +20,7 @@ from tests.collectors.workers import (
     prepare,
     weights,
 )
+from tests.training.test_collecting_on_a_device import require_here
 from toponav.collectors import (
     LastingRayCollector,
     MailboxError,
@@ -101,6 +103,26 @@ def test_a_mailbox_gives_the_newest_weights(joined: Any) -> None:
         mailbox.publish("policy", torch.nn.Linear(1, 3, bias=False))
     later = RayMailbox({"policy": weights()}, versions={"policy": 7})
     assert later.publish("policy", weights()) == 8
+
+
+def test_weights_of_a_learner_on_a_device_come_to_processors(
+    joined: Any, device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put = Mock(side_effect=ray.put)
+    monkeypatch.setattr(ray, "put", put)
+    learned = weights().to(device)
+    mailbox = RayMailbox({"policy": learned})
+    torch.nn.init.constant_(learned.weight, 2.0)
+    assert mailbox.publish("policy", learned) == 1
+    # Nothing on a device, of which other machines may have none.
+    assert put.call_count == 2
+    for (tensors,), _ in put.call_args_list:
+        require_here(tensors)
+    for module in (weights(), weights().to(device)):
+        place = module.weight.device
+        assert mailbox.pull("policy", module) == 1
+        assert module.weight.device == place
+        assert module.weight.unique().tolist() == [2.0]
 
 
 def test_workers_that_wait_for_the_caller_make_one_batch(joined: Any) -> None:

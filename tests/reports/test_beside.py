@@ -11,15 +11,21 @@ import pytest
 import torch
 
 from tests.exploring import explore_settings, world_of
-from toponav.builders import World, make_networks
+from tests.stand_in_device import NAME
+from tests.stand_in_workers import evaluate_there
+from tests.test_foreign_world import WORLD
+from tests.training.test_collecting_on_a_device import require_here
+from toponav.builders import Learner, World, make_networks
 from toponav.config import ExploreConfig
 from toponav.methods import make_reward
 from toponav.reports import evaluate_policies, evaluating, evaluation_beside
 from toponav.reports.beside import Beside, BesideError
-from toponav.training import ExplorationState, Explorer, make_learner
+from toponav.training import ExplorationState, Explorer, make_learner, trained_policies
 
 
-def make_explorer_of(config: ExploreConfig, world: World, folder: Path) -> Explorer:
+def make_learner_of(
+    config: ExploreConfig, world: World, folder: Path
+) -> tuple[Learner, Explorer]:
     """With networks that were never trained, if the reward needs some."""
     networks = None
     if config.reward.name == "novelty":
@@ -28,7 +34,11 @@ def make_explorer_of(config: ExploreConfig, world: World, folder: Path) -> Explo
         networks.thresholds = {"reward_threshold": 0.5}
     reward = make_reward(config, world, networks)
     learner = make_learner(config, world, reward, ExplorationState(), folder)
-    return Explorer(learner.policy, reward, networks)
+    return learner, Explorer(learner.policy, reward, networks)
+
+
+def make_explorer_of(config: ExploreConfig, world: World, folder: Path) -> Explorer:
+    return make_learner_of(config, world, folder)[1]
 
 
 def test_close_ends_it_and_it_ends_with_the_object() -> None:
@@ -149,3 +159,35 @@ def test_another_process_plays_the_same_episodes(
         assert torch.equal(one.views, other.views)
         assert (one.episodes == other.episodes).all()
     assert len({row["coverage"] for row in here[0].rows()}) > 1
+
+
+@pytest.mark.slow
+def test_what_was_learned_on_a_device_is_evaluated_beside_on_the_processor(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = ("world.episode_length=16", "evaluate.episodes=2")
+    config = explore_settings(*WORLD, *small, f"device={device}")
+    world = world_of(config)
+    torch.manual_seed(3)
+    learner, explorer = make_learner_of(config, world, tmp_path)
+    assert str(next(learner.policy.parameters()).device).startswith(device)
+    # Another process needs no device to read copies.
+    require_here(evaluation_beside._copy(learner.policy))
+    policies = trained_policies(config, world, learner, {})
+    # Small weights choose almost at random: another policy would do as well.
+    for weights in policies["last"].parameters():
+        weights.data.mul_(20)
+    here = evaluate_policies(config, world, explorer, policies)
+    # Two episodes of 16 decisions: by themselves they would be too few.
+    monkeypatch.setattr(evaluation_beside, "FEW", 2 * 16)
+    monkeypatch.setattr(evaluation_beside, "evaluate_policies", None)  # not here, then
+    if device == NAME:
+        monkeypatch.setattr(evaluation_beside, "_evaluate", evaluate_there)
+    with evaluating(config, world, explorer, policies) as evaluation:
+        there = evaluation.result()
+    assert list(evaluation.besides) == ["last"]
+    assert [one.policy for one in there] == ["last"]
+    for one, other in zip(here, there, strict=True):
+        assert one.rows() == other.rows()
+        assert torch.equal(one.views, other.views)
+        assert (one.episodes == other.episodes).all()

@@ -16,6 +16,7 @@ from tests.envs import fake_engine
 from tests.exploring import explore_settings, make_policy, world_of
 from tests.stand_in_device import NAME, DeviceTensor, HostWaits
 from tests.test_explore import leaves
+from tests.test_foreign_world import WORLD
 from tests.training.test_resumed_collecting import (
     SMALL,
     batches,
@@ -26,8 +27,9 @@ from toponav.builders import networks as networks_room
 from toponav.collectors import Mailbox, MailboxCollector
 from toponav.config import ExploreConfig, SettingsError
 from toponav.envs import ENGINES
+from toponav.keys import PLACES
 from toponav.training import make_explorer as make_filled_explorer
-from toponav.transforms import WaypointMemory
+from toponav.transforms import PlacesVisited, WaypointMemory
 
 NOVELTY = "reward.threshold=0.5"
 RIVAL = ("reward=extrinsic", "maze.goal=true", "loss.rollout=16")
@@ -48,6 +50,8 @@ RUNS = [
     (*RIVAL, "loss=nav_a3c_d2l"),
 ]
 OTHERS = RUNS[1:-1]
+#: Another world, and where its agent is, of which nothing but reports knows.
+FOREIGN = (*WORLD, "world.position=[_cell.0,_cell.1]")
 
 
 @pytest.fixture(autouse=True)
@@ -98,6 +102,33 @@ def test_it_collects_there_as_on_the_processor(
         require_here(batch.to_dict())
     # Three batches of 16 decisions; first episodes are cut after 16, 32, 48 and 64.
     assert sum(int(batch["next", "done"].sum()) for batch in there) >= 3
+    # The numbers that a GPU draws are others.
+    if device == NAME:
+        require_equal(there, collect("cpu"))
+
+
+@pytest.mark.parametrize("reward", [NOVELTY, "reward=rnd"])
+def test_another_world_is_explored_there_as_on_the_processor(
+    device: str, reward: str
+) -> None:
+    def collect(place: str) -> list[TensorDictBase]:
+        words = (*FOREIGN, "policy.view_size=36", "loss.rollout=16", reward)
+        config = explore_settings(*words, f"collect.device={place}")
+        collector = collector_of(config)
+        collected = batches(collector, 2)
+        chain = collector.env.transform
+        (meter,) = (one for one in chain if isinstance(one, PlacesVisited))
+        for tensor in (meter.squares, *collector.policy.parameters()):
+            assert str(tensor.device).startswith(place)
+        collector.shutdown()
+        return collected
+
+    there = collect(device)
+    for batch in there:
+        require_here(batch.to_dict())
+        # A decision leads to the square beside, or nowhere: to one new place at most.
+        more = batch["next", PLACES] - batch[PLACES]
+        assert more.unique().tolist() == [0, 1]
     # The numbers that a GPU draws are others.
     if device == NAME:
         require_equal(there, collect("cpu"))

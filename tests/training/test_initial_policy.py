@@ -5,21 +5,35 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.exploring import explore_settings, world_of
-from toponav.builders import save_policy
+from tests.exploring import explore_settings, make_batch, world_of
+from tests.methods import test_q_learners
+from toponav.builders import Learner, save_policy
 from toponav.config import SettingsError
 from toponav.methods import make_reward
 from toponav.runs import CHECKPOINT_FILE
 from toponav.training import ExplorationState, make_learner
 
 
-def first_weights(folder: Path, *words: str) -> dict[str, torch.Tensor]:
-    torch.manual_seed(1)
+def first_learner(folder: Path, *words: str, seed: int = 1) -> Learner:
+    torch.manual_seed(seed)
     config = explore_settings("reward=random", *words)
     world = world_of(config)
     reward = make_reward(config, world, None)
-    learner = make_learner(config, world, reward, ExplorationState(), folder)
-    return learner.policy.state_dict()
+    return make_learner(config, world, reward, ExplorationState(), folder)
+
+
+def first_weights(folder: Path, *words: str) -> dict[str, torch.Tensor]:
+    return first_learner(folder, *words).policy.state_dict()
+
+
+def require_same_copy(learner: Learner) -> None:
+    """The policy and its older copy make the same of a view."""
+    older = learner.loss.target_value_network_params.flatten_keys(".").values()
+    newer = learner.policy.value_network.parameters()
+    pairs = zip(
+        sorted(older, key=torch.numel), sorted(newer, key=torch.numel), strict=True
+    )
+    assert all(torch.equal(one, two) for one, two in pairs)
 
 
 def test_the_weights_of_the_other_run_are_the_first(tmp_path: Path) -> None:
@@ -45,18 +59,33 @@ def test_the_older_copy_of_a_value_learner_gets_the_weights_too(
 ) -> None:
     words = ("loss=dqn", "policy.input=pixels")
     save_policy(tmp_path, first_weights(tmp_path, *words))
-    torch.manual_seed(2)
-    config = explore_settings("reward=random", *words, f"init_policy={tmp_path}")
-    world = world_of(config)
-    reward = make_reward(config, world, None)
-    learner = make_learner(config, world, reward, ExplorationState(), tmp_path)
-    # What the policy and its older copy make of a view.
-    older = learner.loss.target_value_network_params.flatten_keys(".").values()
-    newer = learner.policy.value_network.parameters()
-    pairs = zip(
-        sorted(older, key=torch.numel), sorted(newer, key=torch.numel), strict=True
-    )
-    assert all(torch.equal(one, two) for one, two in pairs)
+    learner = first_learner(tmp_path, *words, f"init_policy={tmp_path}", seed=2)
+    require_same_copy(learner)
+
+
+@pytest.mark.parametrize("loss", ["ppo", "dqn"])
+def test_a_learner_on_a_device_begins_with_them_there(
+    device: str, loss: str, tmp_path: Path
+) -> None:
+    small = (*test_q_learners.SMALL, "policy.input=pixels")
+    words = (f"loss={loss}", *(small if loss == "dqn" else ("reward=novelty",)))
+    # Of a run on the processor.
+    kept = {name: one + 1 for name, one in first_weights(tmp_path, *words).items()}
+    save_policy(tmp_path, kept)
+    words += (f"device={device}", f"init_policy={tmp_path}")
+    learner = first_learner(tmp_path, *words, seed=2)
+    for name, weights in learner.policy.state_dict().items():
+        assert str(weights.device).startswith(device), name
+        assert torch.equal(weights.cpu(), kept[name]), name
+    if loss == "dqn":
+        require_same_copy(learner)
+        batch = test_q_learners.make_batch()
+    else:
+        batch = make_batch(explore_settings(*words))
+    # And it learns from there on.
+    assert learner.extend(batch)
+    changed = learner.policy.state_dict().items()
+    assert any(not torch.equal(one.cpu(), kept[name]) for name, one in changed)
 
 
 def test_a_policy_of_other_settings_is_one_sentence(tmp_path: Path) -> None:

@@ -44,6 +44,20 @@ def test_a_partial_reset_forgets_one_episode() -> None:
     assert meter._call(at((0.0, 0.0), (0.0, 0.0)))[PLACES].flatten().tolist() == [2, 2]
 
 
+def test_it_follows_the_position_to_another_device(device: str) -> None:
+    meter = PlacesVisited(1.0)
+    assert meter.squares.device.type == "cpu"
+    meter._reset(TensorDict(batch_size=[2]), at((0.5, 0.5), (0.5, 0.5)).to(device))
+    data = meter._call(at((1.5, 0.5), (0.9, 0.1)).to(device))
+    assert meter.squares.device == data[POSITION].device
+    # The first is in the square beside, the second where it was.
+    assert data[PLACES].flatten().cpu().tolist() == [2, 1]
+    # A new episode of the first, whose mask is on the processor.
+    mask = TensorDict({"_reset": torch.tensor([[True], [False]])}, [2])
+    again = meter._reset(mask, at((5.5, 0.5), (0.9, 0.1)).to(device))
+    assert again[PLACES].flatten().cpu().tolist() == [1, 1]
+
+
 def test_a_size_of_zero_is_refused() -> None:
     with pytest.raises(ValueError, match="size must be above 0, got 0"):
         PlacesVisited(0.0)
