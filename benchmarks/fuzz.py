@@ -1,20 +1,21 @@
 """Bad layouts, settings and files by the thousand: what the package says to each.
 
-    python benchmarks/fuzz.py --out results/fuzz.json
+    PYTHONPATH=. python benchmarks/fuzz.py --out results/fuzz.json
 
 Every case is made from its own number, so that one that fails can be run alone
 (``--only 17``). A third are layouts, a third command lines of the recipes, a third
-damaged maps, networks, checkpoints and run folders. Each runs in a child process with
+damaged maps, networks, checkpoints and run folders. Recipes that start from finished
+runs get such, so that what is drawn decides. Each runs in a child process with
 a limit of time and memory, up to where engines would start, and ends in one of these:
 
-* ``refused``: one sentence, and no run folder is left; of a sweep (``-m``) with several
+* ``refused``: one sentence, and nothing is left; of a sweep (``-m``) with several
   jobs, which go on after one that is refused, one sentence each and a last line that
   says so;
 * ``accepted``: it is valid, or what is damaged in it does not count;
 * ``traceback``: anything else was printed, or a wrong type of error came out;
 * ``hang``: it took longer than the limit, not counting waits for a core;
 * ``changed``: it was accepted although what was read is not what was written;
-* ``litter``: it was refused, and left a run folder.
+* ``litter``: it was refused, and left something, such as a run folder.
 
 The last four are faults; they are listed with what was printed.
 """
@@ -41,7 +42,7 @@ import torch
 from fuzz_cases import ACCEPTED, CHANGED, RAISED, Accepted, Case
 from fuzz_files import file_case
 from fuzz_layouts import layout_case
-from fuzz_settings import KEYS, USUAL, leaves, settings_case
+from fuzz_settings import USUAL, learn_keys, settings_case
 from made_by import commit, hardware
 from tqdm import tqdm
 
@@ -63,6 +64,7 @@ def make_case(number: int, work: Path) -> Case:
 def outcome(case: Case, work: Path) -> tuple[str, str]:
     """Run a case in a child process; how it ended, and what it printed."""
     said = work / "said.txt"
+    before = {said, *work.rglob("*")}
     child = os.fork()
     if child == 0:
         run_child(case, said, work)
@@ -85,7 +87,7 @@ def outcome(case: Case, work: Path) -> tuple[str, str]:
         return "accepted", text
     if not is_refusal(text) or code not in (1, 2, RAISED):
         return "traceback", f"[{code}] {text[-1500:]}"
-    if case.folder is not None and case.folder.exists():
+    if any(path not in before for path in work.rglob("*")):
         return "litter", text
     return "refused", text
 
@@ -108,7 +110,7 @@ def is_refusal(text: str) -> bool:
         False
     """
     lines = text.splitlines()
-    if len(lines) > 2 and lines[-1].endswith(": not all jobs of the sweep succeeded"):
+    if len(lines) > 1 and lines[-1].endswith(": not all jobs of the sweep succeeded"):
         # Each ends with the job's settings.
         return all(re.match(r"\w+: .*\(.*\)$", line) for line in lines[:-1])
     says = len(lines) == 1 and not re.fullmatch(r"\w+:\s*", text)
@@ -179,7 +181,7 @@ def prepare() -> None:
     torch.set_num_threads(1)
     for recipe in USUAL:
         importlib.import_module(f"recipes.{recipe}")
-        KEYS[recipe] = leaves(recipe)
+    learn_keys()
 
 
 def main() -> None:

@@ -19,13 +19,12 @@ class Accepted(BaseException):
 
 @dataclass
 class Case:
-    """What is tried, in words, and how; ``folder`` must not be left by a refusal."""
+    """What is tried, in words, and how."""
 
     number: int
     kind: str
     what: str
     run: Callable[[], object]
-    folder: Path | None = None
 
 
 def same_value(one: Any, other: Any) -> bool:

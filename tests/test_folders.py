@@ -78,6 +78,58 @@ def test_a_sweep_whose_jobs_are_all_refused_says_so_once_each_and_leaves_nothing
     assert files(tmp_path) == []
 
 
+@pytest.mark.parametrize(
+    "where", [(), ("hydra.sweep.dir=sweep",), ("hydra.sweep.dir=.",)]
+)
+def test_a_sweep_with_a_job_that_cannot_be_composed_leaves_nothing(
+    tmp_path: Path, where: tuple[str, ...]
+) -> None:
+    words = ("scale=smoke", "decisions=2,x", *where, "-m")
+    done = run_forked("tour", *words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "tour: decisions: Value 'x' of type 'str' could not be converted to Integer\n",
+    )
+    assert files(tmp_path) == []
+
+
+def test_words_of_a_job_with_line_breaks_are_said_in_one_line(tmp_path: Path) -> None:
+    done = run_forked("report", "folder='a\nb'", "-m", cwd=tmp_path)
+    rule = "folder must name the folder of a sweep or a run, got 'a b'"
+    assert (done.returncode, done.stderr) == (2, f"report: {rule} (folder='a b')\n")
+
+
+def test_a_sweep_in_batches_of_no_job_is_one_sentence(tmp_path: Path) -> None:
+    words = ("seed=0,1", "hydra.sweeper.max_batch_size=0", "-m")
+    done = run_forked("tour", *words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "tour: hydra.sweeper.max_batch_size must be null or at least 1, got 0\n",
+    )
+    assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["hydra.sweeper.params=", "hydra.sweeper={params:"])
+def test_a_sweep_by_hydras_own_settings_is_one_sentence(
+    tmp_path: Path, name: str
+) -> None:
+    word = f"{name}{{seed:'0,1'}}{'}' * name.count('{')}"
+    done = run_forked("tour", word, "-m", cwd=tmp_path)
+    said = f"tour: a sweep must be given by settings such as seed=0,1, got '{word}'\n"
+    assert (done.returncode, done.stderr) == (2, said)
+
+
+def test_a_method_by_the_name_of_another_is_one_sentence(tmp_path: Path) -> None:
+    words = ("reward=random", "reward.name=novelty", "scale=smoke")
+    done = run_forked("explore", *words, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        "explore: reward.name must stay as reward=<name> sets it, with its settings, "
+        "got 'novelty' (did you mean reward=novelty?)\n",
+    )
+    assert files(tmp_path) == []
+
+
 def test_flags_stand_before_all_settings_or_after_them(tmp_path: Path) -> None:
     done = run_forked("tour", "seed=1", "-m", "decisions=0", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (

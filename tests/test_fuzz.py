@@ -2,6 +2,8 @@
 
 import random
 from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -44,3 +46,28 @@ def test_a_case_that_raises_or_hangs_is_a_fault(
     assert case(lambda: 1 / 0) == "traceback"
     assert case(lambda: cases.require_same(False)) == "changed"
     assert case(lambda: random.random()) == "accepted"
+    assert case(lambda: refuse(fuzz)) == "refused"
+    assert case(lambda: (tmp_path / "left").touch() or refuse(fuzz)) == "litter"
+
+
+def refuse(fuzz: ModuleType) -> None:
+    raise fuzz.SettingsError("tour: seed must be at least 0, got -1")
+
+
+def test_of_a_sweep_each_job_that_is_refused_says_so(fuzz: ModuleType) -> None:
+    last = "tour: not all jobs of the sweep succeeded"
+    assert fuzz.is_refusal(f"tour: no (seed=-1)\n{last}")
+    assert not fuzz.is_refusal(f"tour: no\n{last}")
+
+
+def test_recipes_that_start_from_runs_get_them(
+    fuzz: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cases = load_benchmark("fuzz_cases", monkeypatch)
+    settings = fuzz.importlib.import_module("fuzz_settings")
+    for recipe in settings.OWN:
+        folder = tmp_path / recipe
+        folder.mkdir()
+        line = ["scale=smoke", settings.start_of(recipe, folder)]
+        found = cases.Case(0, "", "", partial(settings.run_recipe, recipe, line))
+        assert fuzz.outcome(found, folder)[0] == "accepted"

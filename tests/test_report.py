@@ -100,6 +100,15 @@ def test_without_runs_there_is_one_sentence(tmp_path: Path) -> None:
     assert done.returncode == 2
 
 
+def test_too_many_bootstrap_samples_are_one_sentence(tmp_path: Path) -> None:
+    make_exploration(tmp_path / "runs", best=[0.9])
+    done = run_forked("report", "runs", f"draws={2**63 - 1}", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2,
+        f"report: draws must be at most 1,000,000, got {2**63 - 1}\n",
+    )
+
+
 @pytest.mark.slow
 def test_a_scale_says_how_many_bootstrap_samples(tmp_path: Path) -> None:
     make_exploration(tmp_path / "runs", best=[0.9, 0.3, 0.8, 0.4, 0.5])

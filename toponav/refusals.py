@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from typing import Any, get_origin, get_type_hints
 
 from hydra.errors import HydraException
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from toponav.config import RECIPES, SettingsError, TrainingError, require
@@ -136,6 +137,11 @@ def methods_of(cfg: Any) -> dict[str, str]:
     for group, name in found.items():
         rule = f"{group} must be one of {', '.join(METHODS[group])}"
         require(name in METHODS[group], rule, f"'{name}'")
+        # The settings of one method, and the name of another.
+        kind, schema = OmegaConf.get_type(cfg[group]), METHODS[group][name]
+        rule = f"{group}.name must stay as {group}=<name> sets it, with its settings"
+        given = f"'{name}' (did you mean {group}={name}?)"
+        require(kind is not None and issubclass(kind, schema), rule, given)
     return found
 
 

@@ -16,6 +16,8 @@ Config = TypeVar("Config", DictConfig, ListConfig)
 #: Most threads of a process; with some ten thousand the thread library gives up, or
 #: the process ends without a word.
 MOST_THREADS = 1024
+#: Most bootstrap samples of a table: more take many minutes and change no digit.
+MOST_DRAWS = 1_000_000
 #: Most gigabytes of views; no machine has the memory for more.
 MOST_GB = 100_000
 #: Most bytes of a YAML file of a run; those that runs write have some thousands, and

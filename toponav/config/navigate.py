@@ -8,6 +8,7 @@ from typing import Any
 from omegaconf import MISSING, DictConfig, OmegaConf
 
 from toponav.config.checks import (
+    MOST_DRAWS,
     MOST_THREADS,
     Settings,
     a_seed,
@@ -113,7 +114,7 @@ class SweepReportConfig(Settings):
     """Settings of ``recipes/report.py``."""
 
     folder: str = MISSING
-    draws: int = at_least(1)
+    draws: int = at_least(1, most=MOST_DRAWS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from omegaconf import MISSING
 
 from toponav.config.checks import (
+    MOST_DRAWS,
     Settings,
     above,
     at_least,
@@ -128,7 +129,7 @@ class ReproduceConfig(Settings):
     worker: int = at_least(0)
     make: bool = MISSING
     poll_s: float = above(0)
-    draws: int = at_least(1)
+    draws: int = at_least(1, most=MOST_DRAWS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

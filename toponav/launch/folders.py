@@ -8,6 +8,7 @@ from typing import Any
 
 from hydra.core import utils
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -24,6 +25,7 @@ from toponav.runs import (
 )
 
 _configure_log = utils.configure_log
+_hydras_sweeper = Plugins.instantiate_sweeper
 # Holds the lock of a run from before Hydra writes into its folder.
 _lock = ExitStack()
 # What Hydra saves of a run, in this order.
@@ -107,6 +109,37 @@ def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
             if found <= {".lock", *earlier}:
                 remove_refused(output_dir.parent, output_dir, before=())
         raise
+
+
+def make_sweeper(plugins: Plugins, *, config: DictConfig, **arguments: Any) -> Any:
+    """Hydra's sweeper, which leaves no folder where no job of the sweep has a run.
+
+    It makes the folder before it composes the jobs, and one that is bad ends them all.
+    """
+    name = "hydra.sweeper.max_batch_size"
+    size = OmegaConf.select(config, name)
+    require(size is None or size > 0, f"{name} must be null or at least 1", size)
+    sweeper: Any = _hydras_sweeper(plugins, config=config, **arguments)
+    sweep = sweeper.sweep
+
+    def tidy(arguments: list[str]) -> Any:
+        try:
+            return sweep(arguments)
+        except Exception:
+            with suppress(Exception):  # a folder that cannot be named or read
+                remove_sweep(Path(config.hydra.sweep.dir))
+            raise
+
+    sweeper.sweep = tidy
+    return sweeper
+
+
+def remove_sweep(folder: Path) -> None:
+    """Remove the folder of a sweep without a run, and never the working directory."""
+    if folder.resolve() != Path.cwd():
+        remove_unused(folder, {"multirun.yaml"})
+    else:
+        (folder / "multirun.yaml").unlink(missing_ok=True)
 
 
 def remove_refused(folder: Path, own: Path | None, *, before: Collection[str]) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import hydra
+import hydra.core.plugins
 import hydra.core.utils
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
@@ -30,6 +31,7 @@ from toponav.launch.folders import (
     is_sweep,
     job_lock,
     log_in_own_folder,
+    make_sweeper,
     refusing_folders,
     remove_refused,
     save_whole,
@@ -40,7 +42,6 @@ from toponav.runs import (
     keep_draws,
     log_uniform,
     remove_halves,
-    remove_unused,
     require_room,
 )
 
@@ -93,6 +94,7 @@ def recipe(
             argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
             hydra.core.utils._save_config = save_whole
             hydra.core.utils.configure_log = log_in_own_folder
+            hydra.core.plugins.Plugins.instantiate_sweeper = make_sweeper  # type: ignore[assignment, method-assign]
             hydra.core.utils.JobReturn.return_value = _return_value  # type: ignore[assignment, method-assign]
             start = hydra.main(
                 version_base="1.3", config_path=str(conf), config_name=name
@@ -104,6 +106,10 @@ def recipe(
                 for word in arguments:
                     rule = "a setting must have a name before its equals sign"
                     require(not word.startswith("="), rule, f"'{word}'")
+                    # Which OmegaConf cannot merge into what Hydra has there: nothing.
+                    params = re.match(r"\+*hydra\.sweeper(\.params)?=", word)
+                    rule = "a sweep must be given by settings such as seed=0,1"
+                    require(params is None, rule, f"'{word}'")
                 for word, setting in (aliases or {}).items():
                     arguments = [
                         re.sub(f"^{word}=", f"{setting}=", given) for given in arguments
@@ -189,7 +195,8 @@ def _run_job(
             with _one_sentence(name, ()):
                 raise
         # Hydra goes on with the next job, and raises the first error at the end.
-        said = f"{name}: {sentence} ({' '.join(words)})"
+        given = re.sub(r"\s*\n\s*", " ", " ".join(words))
+        said = f"{name}: {sentence} ({given})"
         print(said, file=sys.stderr)  # noqa: T201
         refused = isinstance(error, REFUSALS)
         raise _JobError(_USAGE_ERROR if refused else _FAILED, said) from error
@@ -201,7 +208,7 @@ def _one_sentence(name: str, jobs: Sequence[Path]) -> Iterator[None]:
 
     Of a sweep each job has said it; where it has several, the last line says so. Where
     they ran elsewhere, what the first one said is repeated, as launchers keep that in
-    files. The sweep's folder goes if it holds no run.
+    files.
     """
     try:
         yield
@@ -209,8 +216,6 @@ def _one_sentence(name: str, jobs: Sequence[Path]) -> Iterator[None]:
         status, said = error.args
         if not jobs:
             print(said, file=sys.stderr)  # noqa: T201
-        for folder in filter(Path.is_dir, set(jobs)):
-            remove_unused(folder, {"multirun.yaml"})
         if len(jobs) != 1:
             rest = "not all jobs of the sweep succeeded"
             print(f"{name}: {rest}", file=sys.stderr)  # noqa: T201
