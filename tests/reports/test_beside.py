@@ -162,7 +162,7 @@ def test_another_process_plays_the_same_episodes(
 
 
 @pytest.mark.slow
-def test_what_was_learned_on_a_device_is_evaluated_beside_on_the_processor(
+def test_policies_of_a_device_are_evaluated_beside_on_the_processor(
     device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = ("world.episode_length=16", "evaluate.episodes=2")
