@@ -87,7 +87,7 @@ def outcome(case: Case, work: Path) -> tuple[str, str]:
         return "accepted", text
     if not is_refusal(text) or code not in (1, 2, RAISED):
         return "traceback", f"[{code}] {text[-1500:]}"
-    if any(path not in before for path in work.rglob("*")):
+    if any(case.resumed not in path.parents for path in {*work.rglob("*")} - before):
         return "litter", text
     return "refused", text
 

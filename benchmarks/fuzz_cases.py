@@ -19,12 +19,17 @@ class Accepted(BaseException):
 
 @dataclass
 class Case:
-    """What is tried, in words, and how."""
+    """What is tried, in words, and how.
+
+    A refusal leaves nothing, but settings and a log in the folder of a run that was to
+    be ``resumed``.
+    """
 
     number: int
     kind: str
     what: str
     run: Callable[[], object]
+    resumed: Path | None = None
 
 
 def same_value(one: Any, other: Any) -> bool:

@@ -186,4 +186,5 @@ def folder_case(number: int, draw: random.Random, work: Path) -> Case:
         "run folder",
         f"{recipe} {file.stem} {way}",
         lambda: run_recipe(recipe, words),
+        folder,
     )
