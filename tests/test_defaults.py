@@ -88,6 +88,7 @@ NO_CHOICE = {
         "_ANY_ARRAY",
         "_ARRAY_EXPANSION",
         *("_GRAPH_EXPANSION", "_ANY_GRAPH", "_LARGEST_GRAPH"),
+        *("_SHORTEST_ENTRY", "_WORDS"),
     },
     "toponav/graph/navigation/localiser.py": {"_AT_ONCE"},
     "toponav/graph/navigation/pose_belief.py": {"_LEAST"},

@@ -178,8 +178,20 @@ ENTRIES = {
     "liar": ("embeddings.npy", lying_header),
     # 60 kB in the file, and more than a gigabyte as Python would read it.
     "empty objects": ("graph.json", lambda: b"[" + b"{}," * 20_000_000 + b"{}]"),
+    "many objects": ("graph.json", lambda: b"[" + b"{}," * 300_000 + b"{}]"),
     "deep": ("graph.json", lambda: b"[" * 100_000 + b"]" * 100_000),
 }
+
+
+def promise_more(path, name):
+    """The header of an entry says that it has 1.1 MB, compressed."""
+    data = bytearray(path.read_bytes())
+    with zipfile.ZipFile(path) as archive:
+        at = archive.start_dir
+    while data[at + 46 : at + 46 + len(name)] != name.encode():
+        at = data.index(b"PK\x01\x02", at + 4)
+    data[at + 20 : at + 24] = (1_100_000).to_bytes(4, "little")
+    path.write_bytes(data)
 
 
 def damaged(path, how):
@@ -230,6 +242,7 @@ def damaged(path, how):
         ("list", "got the damaged "),
         ("bomb", "got the damaged .*a huge entry"),
         ("empty objects", "got the damaged .*a huge graph.json"),
+        ("many objects", "got the damaged .*a graph.json of too many entries"),
         ("liar", "got the damaged "),
         ("deep", "got the damaged "),
         ("nan", "got the damaged .*NaN or infinity in its embeddings"),
@@ -259,6 +272,15 @@ def test_what_is_no_map_is_said_in_one_sentence(state, tmp_path, how, message) -
         load_map(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_header_that_promises_more_is_not_believed(state, tmp_path) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    damaged(path, "empty objects")
+    promise_more(path, "graph.json")
+    with pytest.raises(MapFileError, match="a huge graph"):
+        load_map(path)
 
 
 @pytest.mark.parametrize("width", [90_000, 40_000_000])

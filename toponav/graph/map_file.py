@@ -33,9 +33,10 @@ _EDGE = ("source", "target", "traversals", "traversals_back", "similarity")
 _EXPANSION, _ANY_FILE, _LONGEST_SIDE = 100, 64_000_000, 4096
 # The same of an array, which is not compressed. Most numbers of an embedding.
 _ARRAY_EXPANSION, _ANY_ARRAY, _WIDEST = 10, 64_000_000, 65_536
-# The same of the graph, for each of its compressed bytes: maps have 5 to 14, of which
-# Python may make 24 times as many. Most of any: of a million waypoints.
+# The same of the graph, for each of its compressed bytes (maps have 5 to 14). Most of
+# any: of a million waypoints. Bytes of an entry, which has 45 at least, and of words.
 _GRAPH_EXPANSION, _ANY_GRAPH, _LARGEST_GRAPH = 60, 1_000_000, 256_000_000
+_SHORTEST_ENTRY, _WORDS = 30, 1000
 #: Every entry has this date, so that equal maps give equal files.
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -144,9 +145,16 @@ def _read(
     room = max(_EXPANSION * path.stat().st_size, _ANY_FILE)
     _check(sum(entry.file_size for entry in archive.infolist()) <= room, "a huge entry")
     entry = archive.getinfo("graph.json")
-    fair = max(_GRAPH_EXPANSION * entry.compress_size, _ANY_GRAPH)
+    # A header may say what it likes.
+    compressed = min(entry.compress_size, path.stat().st_size)
+    fair = max(_GRAPH_EXPANSION * compressed, _ANY_GRAPH)
     _check(entry.file_size <= min(fair, _LARGEST_GRAPH), "a huge graph.json")
-    content = json.loads(archive.read("graph.json"))
+    data = archive.read("graph.json")
+    # Of empty entries Python would make 24 times as many bytes.
+    entries = data.count(b"{") + data.count(b"[")
+    few = entries <= len(data) / _SHORTEST_ENTRY + _WORDS
+    _check(few, "a graph.json of too many entries")
+    content = json.loads(data)
     if (content.get("format"), content.get("format_version")) != (_FORMAT, _VERSION):
         raise MapFileError(
             f"a map must be of version {_VERSION}, got {path} with "
