@@ -4,7 +4,7 @@ On the stand-in device operations on tensors of two devices are refused, as on a
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -79,6 +79,19 @@ def require_equal(found: list[TensorDictBase], expected: list[TensorDictBase]) -
             assert torch.equal(one[key], other[key]), key
 
 
+def collect_there(
+    device: str, collect: Callable[[str], list[TensorDictBase]]
+) -> list[TensorDictBase]:
+    """Batches of a device, which come to the processor, and are those of its own."""
+    there = collect(device)
+    for batch in there:
+        require_here(batch.to_dict())
+    # The numbers that a GPU draws are others.
+    if device == NAME:
+        require_equal(there, collect("cpu"))
+    return there
+
+
 # Most are slow where the stand-in device computes: two of them show the way.
 @pytest.mark.parametrize(
     "overrides",
@@ -97,14 +110,9 @@ def test_it_collects_there_as_on_the_processor(
         collector.shutdown()
         return collected
 
-    there = collect(device)
-    for batch in there:
-        require_here(batch.to_dict())
+    there = collect_there(device, collect)
     # Three batches of 16 decisions; first episodes are cut after 16, 32, 48 and 64.
     assert sum(int(batch["next", "done"].sum()) for batch in there) >= 3
-    # The numbers that a GPU draws are others.
-    if device == NAME:
-        require_equal(there, collect("cpu"))
 
 
 @pytest.mark.parametrize("reward", [NOVELTY, "reward=rnd"])
@@ -123,15 +131,10 @@ def test_another_world_is_explored_there_as_on_the_processor(
         collector.shutdown()
         return collected
 
-    there = collect(device)
-    for batch in there:
-        require_here(batch.to_dict())
+    for batch in collect_there(device, collect):
         # A decision leads to the square beside, or nowhere: to one new place at most.
         more = batch["next", PLACES] - batch[PLACES]
         assert more.unique().tolist() == [0, 1]
-    # The numbers that a GPU draws are others.
-    if device == NAME:
-        require_equal(there, collect("cpu"))
 
 
 def test_weights_come_there_from_a_learner_there(device: str) -> None:
