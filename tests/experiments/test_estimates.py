@@ -58,9 +58,9 @@ def test_what_nobody_has_measured_is_named_and_not_in_the_time(
         *(("explore", "trpo"), ("navigate", ""), ("navigate", "")),
     ):
         maker.add(recipe, loss)
-    # 447 s of PPO and 2 * 233 s of navigations: 913 s, 15.2 minutes.
+    # 436 s of PPO and 2 * 233 s of navigations: 902 s, 15.0 minutes.
     assert announce(laptop, maker.made) == (
-        "table8: 6 of 6 runs are missing; about 15.2 minutes for 3 of them, one at a "
+        "table8: 6 of 6 runs are missing; about 15.0 minutes for 3 of them, one at a "
         "time (an estimate from figures in conf/reproduce); not measured: "
         "explorations with loss=dqn (2), explorations with loss=trpo (1)"
     )

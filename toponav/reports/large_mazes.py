@@ -9,11 +9,12 @@ from toponav.config import ExploreConfig
 _LARGE = 100  # open cells
 # An explorer that covers a maze has a waypoint for every second cell or so.
 _CELLS_PER_WAYPOINT = 2
-# Decisions for each open cell that episodes of 1,800 give in a maze of 63, and views
-# that its map is fed: of 400,000 decisions those of 8 of 64 mazes. With half of them a
-# hall was mapped well, with a fifth a part of a maze lay two cells off
-# (results/navigation.md).
-_PER_CELL, _VIEWS_PER_CELL = 1_800 / 63, 400_000 * 8 / 64 / 63
+# Decisions for each open cell that episodes of 1,800 give in select, where settings are
+# chosen, which has 49.
+_PER_CELL = 1_800 / 49
+# Views of each open cell that a map by poses is fed. In two layouts of our own 373 and 502
+# were enough, and with 167 a part of a maze lay two cells off (results/navigation.md).
+_FEW_VIEWS, _ENOUGH_VIEWS = 250, 500
 
 
 def large_maze_hints(settings: ExploreConfig, world: World) -> list[str]:
@@ -32,7 +33,7 @@ def large_maze_hints(settings: ExploreConfig, world: World) -> list[str]:
         found.append(
             f"An episode of {length:,} decisions crosses at most {crossed} of the "
             f"{cells} open cells: maze.episode_length={round(_PER_CELL * cells)} has "
-            "as many for each as the mazes that come with the package."
+            "as many for each as in the maze select."
         )
     # The memory of other methods is no list of waypoints.
     novelty = settings.reward.name == "novelty"
@@ -46,15 +47,15 @@ def large_maze_hints(settings: ExploreConfig, world: World) -> list[str]:
 
 
 def _views_hint(settings: ExploreConfig, cells: int) -> list[str]:
-    """That the map is fed less than a third of the views of a maze of 63 cells."""
+    """That the map is fed few views of each open cell."""
     envs, fed = settings.collect.envs, settings.map.envs
     by_one = settings.collect.decisions / envs
     # Where it is not made again by poses, a lack of views is not known to matter.
     if not settings.maps_by_poses(effects_known=True) or fed is None or fed == envs:
         return []
-    if 3 * fed * by_one >= _VIEWS_PER_CELL * cells:
+    if fed * by_one >= _FEW_VIEWS * cells:
         return []
-    enough = min(math.ceil(_VIEWS_PER_CELL * cells / by_one), envs)
+    enough = min(math.ceil(_ENOUGH_VIEWS * cells / by_one), envs)
     return [
         f"The map is fed {round(fed * by_one / cells)} views for each of the {cells} "
         f"open cells, which may be too few to find where they were taken: "
