@@ -12,8 +12,9 @@ _CELLS_PER_WAYPOINT = 2
 # Decisions for each open cell that episodes of 1,800 give in select, where settings are
 # chosen, which has 49.
 _PER_CELL = 1_800 / 49
-# Views of each open cell that a map by poses is fed. In two layouts of our own 373 and 502
-# were enough, and with 167 a part of a maze lay two cells off (results/navigation.md).
+# Views of each open cell that a map by poses is fed. In two layouts of our own 373 and
+# 502 were enough, and with 167 a part of a maze lay two cells off
+# (results/navigation.md).
 _FEW_VIEWS, _ENOUGH_VIEWS = 250, 500
 
 
