@@ -46,6 +46,7 @@ def main(settings: ExploreConfig, folder: Path) -> None:
     # The world, policies that see nothing in it, networks if this reward needs them.
     world, networks = methods.make_world(settings), None
     training.require_explore_room(settings, world, folder)
+    builders.keep_layout(folder, settings.maze, world.layout)
     for hint in reports.large_maze_hints(settings, world):
         print(hint)
     baselines = reports.start_baselines(settings, world)

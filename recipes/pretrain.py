@@ -31,6 +31,7 @@ from toponav.builders import (
     ThreadGuard,
     collect_frames,
     collect_held_out,
+    keep_layout,
     make_autocast,
     make_device,
     make_frame_buffer,
@@ -76,6 +77,7 @@ def main(settings: PretrainConfig, folder: Path) -> None:
     world = worlds[0].spec
     networks = start_networks(settings.model, world, settings.init_from, device=device)
     require_pretrain_room(settings, worlds, networks.modules, folder)
+    keep_layout(folder, settings.maze, worlds[0].layout)
     buffer, threads = make_frame_buffer(settings, world), ThreadGuard()
     trainer = make_pretrainer(
         settings, networks, buffer.storage, autocast=autocast, folder=folder

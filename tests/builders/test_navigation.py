@@ -213,6 +213,20 @@ def test_another_maze_is_one_sentence(folder):
     other.write_text("****\n*  *\n****\n")
     config = navigate_settings(folder, "maze=file", f"maze.path={other}")
     assert refused(config).endswith("got other (did you mean maze=run?)")
+    # A wall that was opened since: no waypoint stands in one.
+    kept, ring = folder / "config/layout.txt", folder / "ring.txt"
+    kept.write_text(before := ring.read_text())
+    assert load_exploration(navigate_settings(folder))
+    ring.write_text(before.replace("* *a*", "*  a*"))
+    try:
+        assert ring.read_text() != before
+        assert refused(navigate_settings(folder)) == (
+            "maze must be the one that the run explored, got "
+            f"'{ring}', which was edited since ({kept} is a copy of what it was)"
+        )
+    finally:
+        ring.write_text(before)
+        kept.unlink()
     config = navigate_settings(folder, "maze.texture_seed=5")
     assert refused(config) == "maze.texture_seed must be 0, as in the run, got 5"
 

@@ -26,6 +26,7 @@ from toponav.builders.edge_trials import (
     load_trials as load_trials,
     save_trials as save_trials,
 )
+from toponav.builders.kept_layout import keep_layout as keep_layout
 from toponav.builders.maps import (
     action_effects as action_effects,
     make_map as make_map,

@@ -13,6 +13,7 @@ from torchrl.envs.transforms import Compose
 
 from toponav.builders.beside_map import MAP_FILE, POSES_FILE, find_beside
 from toponav.builders.collection import collect_rollout
+from toponav.builders.kept_layout import edited, kept_layout, layout_text
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
@@ -123,11 +124,15 @@ def require_same_maze(run: str | None, maze: MazeConfig, layout: Layout) -> None
     """Refuse the run of a maze with another layout or appearance."""
     names = ("name", "path", "rows", "cols", "seed", "loops", *_APPEARANCE)
     found = {name: run_setting(run, f"maze.{name}") for name in names}
-    explored = replace(maze, **found)
+    explored, folder = replace(maze, **found), Path(str(run))
+    # The file of a run's layout may have been edited since, or be gone.
+    kept = kept_layout(folder)
+    was = layout_text(make_layout(explored)) if kept is None else kept
+    label = f"{maze_label(maze.name, maze.path)} (did you mean maze=run?)"
     require(
-        make_layout(explored).text == layout.text,
+        was == layout_text(layout),
         "maze must be the one that the run explored",
-        f"{maze_label(maze.name, maze.path)} (did you mean maze=run?)",
+        edited(folder, maze) if maze.path and maze.path == explored.path else label,
     )
     for name in _APPEARANCE:
         given, wanted = getattr(maze, name), getattr(explored, name)

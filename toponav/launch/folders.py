@@ -17,6 +17,7 @@ from toponav.config import SettingsError, require
 from toponav.runs import (
     CHECKPOINT_FILE,
     DRAWS_FILE,
+    LAYOUT_FILE,
     alone_in,
     has_results,
     remove_empty,
@@ -158,7 +159,7 @@ def remove_refused(folder: Path, own: Path | None, *, before: Collection[str]) -
     elif own is not None:
         for path in (folder / name for name in names - set(before)):
             if path.is_dir():
-                remove_unused(path, [*_SAVED, DRAWS_FILE, ".lock"])
+                remove_unused(path, [*_SAVED, DRAWS_FILE, LAYOUT_FILE, ".lock"])
             else:
                 path.unlink(missing_ok=True)
 

@@ -32,6 +32,7 @@ from toponav.runs.room import (
     require_shared_memory as require_shared_memory,
 )
 from toponav.runs.run_folders import (
+    LAYOUT_FILE as LAYOUT_FILE,
     BrokenRunError as BrokenRunError,
     Exploration as Exploration,
     Run as Run,

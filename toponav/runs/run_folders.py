@@ -20,6 +20,8 @@ from toponav.config import read_yaml, require
 from toponav.runs.draws import DRAWS_FILE
 from toponav.runs.files import CHECKPOINT_FILE
 
+#: Beside a run's settings, of a maze with a file of its own: what it was.
+LAYOUT_FILE = "layout.txt"
 # Runs are at most so deep in a folder of sweeps, which has at most so many folders.
 _DEEPEST, _MOST_FOLDERS = 4, 10_000
 # Beside its settings, what a run needs to be reported on.
