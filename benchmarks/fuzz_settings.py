@@ -126,26 +126,39 @@ OWN: dict[str, tuple[str, ...]] = {
         *("draws=1000001", "scale=x", "hydra.run.dir=x", "draws=null", "scale=paper"),
     ),
 }
-#: Of which `USUAL` words one is drawn; each has settings of its own.
-VARIANTS = {"navigate": ["navigator=poses"] * 2 + ["navigator=topological"]}
+#: Of which further usual words some are drawn; each has settings of its own.
+VARIANTS = {
+    "explore": [
+        *("", "loss=a3c", "loss=trpo", "loss=dqn", "loss=drqn"),
+        "loss=nav_a3c reward=extrinsic maze.goal=true",
+        "loss=nav_a3c_d2l reward=extrinsic maze.goal=true",
+    ],
+    "navigate": ["navigator=poses"] * 2 + ["navigator=topological"],
+}
 
 
 def settings_case(number: int, draw: random.Random, work: Path) -> Case:
     """A command line with one to three settings that are not usual, or a sweep."""
     recipe = draw.choice(["explore", *USUAL])
-    # Drawn apart: the cases of other recipes are what they were before there were any.
+    # Drawn apart: the cases of recipes with none of it are made of the same words.
     apart = random.Random(f"apart {number}")
     usual = [*USUAL[recipe]]
+    variant = apart.choice(VARIANTS.get(recipe, [""]))
+    keys = KEYS[f"{recipe} {variant}".strip()]
+    usual += variant.split()
     if recipe in OWN:
-        variant = apart.choice(VARIANTS.get(recipe, [""]))
-        keys = KEYS[f"{recipe} {variant}".strip()]
-        usual += [start_of(recipe, work), *filter(None, [variant])]
+        usual.append(start_of(recipe, work))
         own = tuple(word.format(given=given()) for word in OWN[recipe])
         words = own_words(keys, apart, own)
     else:
-        keys, words = KEYS[recipe], drawn_words(KEYS[recipe], draw)
+        words = drawn_words(keys, draw)
         if draw.random() < 0.1:
             words += ["world=gym", "world.id=CartPole-v1"]
+        if variant:
+            key = apart.choice([one for one in keys if one.startswith("loss.")])
+            word = f"{key}={near(keys[key], apart)}"
+            # Now and then alone, so that it decides.
+            words = apart.choice([[word], *[[*words, word]] * 2])
     if apart.random() < 0.15:
         words = sweep_words(keys, apart)
     folder = work / f"run-{number}"
@@ -155,7 +168,8 @@ def settings_case(number: int, draw: random.Random, work: Path) -> Case:
         line.insert(0, f"hydra.run.dir={folder}")
     if words[0] in ("-m", "--multirun"):  # no flag may stand between settings
         line.insert(0, line.pop(line.index(words[0])))
-    what = f"{recipe} {' '.join(words)}".replace(str(given()), "{given}")[:200]
+    what = " ".join(filter(None, [recipe, variant, *words]))
+    what = what.replace(str(given()), "{given}")[:200]
     return Case(number, "settings", what, lambda: run_recipe(recipe, line))
 
 
@@ -247,8 +261,7 @@ def learn_keys() -> None:
     """Fill `KEYS` in."""
     for recipe in USUAL:
         for variant in VARIANTS.get(recipe, [""]):
-            words = filter(None, [variant])
-            KEYS[f"{recipe} {variant}".strip()] = leaves(recipe, *words)
+            KEYS[f"{recipe} {variant}".strip()] = leaves(recipe, *variant.split())
 
 
 def run_recipe(recipe: str, words: list[str]) -> None:

@@ -1,6 +1,7 @@
 """PPO, A3C and TRPO as learners of an exploration."""
 
 import copy
+import math
 from collections.abc import Mapping
 
 import pytest
@@ -92,6 +93,23 @@ def test_the_learning_rate_and_the_entropy_bonus_fall() -> None:
     old = weights(over).clone()
     assert over.extend(batch)["lr"] == 0.0
     assert torch.equal(old, weights(over))
+
+
+@ALL
+def test_rewards_that_are_not_scaled_may_go_without_discount(
+    overrides: tuple[str, ...],
+) -> None:
+    checked: list[float] = []
+
+    def check(figures: Mapping[str, float], update: int) -> None:
+        checked.extend(figures.values())
+
+    words = (*overrides, "loss.gamma=1", "loss.normalize_returns=false")
+    learner = make_learner(*words, check=check)
+    before = weights(learner)
+    learner.extend(make_batch(explore_settings(*words)))
+    assert math.isfinite(sum(checked))
+    assert not torch.equal(before, weights(learner))
 
 
 def test_a_coefficient_never_leaves_its_range() -> None:

@@ -128,6 +128,17 @@ def test_learning_changes_all_of_it_and_a_saved_one_continues(name: str) -> None
     assert all(map(torch.equal, whole.parameters(), other.parameters()))
 
 
+@BOTH
+def test_rewards_that_are_not_scaled_may_go_without_discount(name: str) -> None:
+    words = ("loss.gamma=1", "loss.normalize_returns=false")
+    learner = make_learner(name, *words)
+    before = copy.deepcopy([one.detach() for one in learner.parameters()])
+    measured = learner.extend(make_batch(learner.policy))
+    assert all(map(math.isfinite, measured.values()))
+    now = learner.parameters()
+    assert not any(torch.equal(*pair) for pair in zip(before, now, strict=True))
+
+
 def test_the_weights_of_the_tasks_weigh_them() -> None:
     plain = make_learner("nav_a3c_d2l", "loss.depth_coeff=0", "loss.loop_coeff=0")
     heavy = make_learner("nav_a3c_d2l", "loss.depth_coeff=2", "loss.loop_coeff=3")

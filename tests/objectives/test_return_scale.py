@@ -114,6 +114,10 @@ def test_what_does_not_fit_is_refused() -> None:
         ReturnScale(0)
     with pytest.raises(ValueError, match="gamma must be at least 0 and below 1, got 1"):
         ReturnScale(1, gamma=1.0)
+    with pytest.raises(ValueError, match=r"gamma must be at least 0 .* got 1\.5"):
+        ReturnScale(1, gamma=1.5, enabled=False)
+    # Nothing is summed without end where nothing is counted.
+    ReturnScale(1, gamma=1.0, enabled=False)
     with pytest.raises(ValueError, match="clip must be above 0 or None, got 0"):
         ReturnScale(1, clip=0)
     with pytest.raises(ValueError, match=r"must be \[E, T\], a row an env, got \[12\]"):

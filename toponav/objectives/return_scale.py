@@ -22,7 +22,7 @@ class ReturnScale(TensorDictModuleBase):
 
     Args:
         num_envs: number of envs over all workers.
-        gamma: discount per decision, in [0, 1).
+        gamma: discount per decision, in [0, 1); 1 too if nothing is counted.
         clip: bound on the size of a scaled reward, above 0; ``None`` for no bound.
         enabled: if false, the reward is copied as it is and nothing is counted.
         reward, out_key: keys of the reward and of the scaled one under ``"next"``.
@@ -54,7 +54,7 @@ class ReturnScale(TensorDictModuleBase):
         super().__init__()
         if num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
-        if not 0 <= gamma < 1:
+        if not 0 <= gamma <= 1 or (enabled and gamma == 1):
             raise ValueError(f"gamma must be at least 0 and below 1, got {gamma}.")
         if clip is not None and clip <= 0:
             raise ValueError(f"clip must be above 0 or None, got {clip}.")
