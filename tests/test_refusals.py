@@ -88,6 +88,14 @@ def test_more_threads_than_any_machine_has_are_refused(setting: str) -> None:
         ("explore online.buffer_gb=1e300", "online.buffer_gb must be at most 100,000,"),
         ("pretrain collect.buffer_gb=1e20", "collect.buffer_gb must be at most 100,00"),
         ("pretrain collect.share=1.5", "collect.share must be at most 1, got 1.5"),
+        # Finite numbers that float32 has no room for, once they are multiplied by some.
+        ("explore loss.lr=1e39", "loss.lr must be at most 1e+30 in size, got 1e+39"),
+        ("explore loss.entropy_coeff=1e39", "loss.entropy_coeff must be at most 1e+30"),
+        ("explore loss.critic_coeff=1e39", "loss.critic_coeff must be at most 1e+30 i"),
+        ("explore map.untraversed_edge_cost=1e39", "map.untraversed_edge_cost must be"),
+        ("explore reward.beta=1e39", "reward.beta must be at most 1e+30 in size, got"),
+        ("pretrain train.lr=1e39", "train.lr must be at most 1e+30 in size, got 1e+39"),
+        ("practise practice.lr=1e39", "practice.lr must be at most 1e+30 in size, got"),
         # Whole numbers too long for a float.
         (f"tour views={'9' * 400}", f"views must lie in [1, 12], got {'9' * 400} (did"),
     ],
@@ -96,6 +104,18 @@ def test_numbers_that_are_none_or_too_large(line: str, sentence: str) -> None:
     said = refusal_of(line)
     assert said.startswith(sentence)
     assert ("did you mean" in said) == ("lie in" in sentence)
+
+
+def test_large_numbers_that_tensors_hold_are_taken() -> None:
+    settings("explore", "loss.critic_coeff=1e30", "loss.lr=1e30")
+
+
+@pytest.mark.parametrize("recipe", ["explore", "pretrain"])
+def test_mined_pairs_are_at_least_one_of_each_kind(recipe: str) -> None:
+    said = refusal_of(f"{recipe} pairs.per_update=1")
+    assert said == "pairs.per_update must be at least 2 with pairs.mined=true, got 1"
+    settings(recipe, "pairs.per_update=2")
+    settings(recipe, "pairs.per_update=1", "pairs.mined=false")
 
 
 @pytest.mark.parametrize("name", ["rows", "cols"])

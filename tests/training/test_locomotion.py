@@ -69,6 +69,20 @@ def test_the_head_learns_the_actions_that_were_taken(tmp_path: Path) -> None:
     assert not head.training
 
 
+@pytest.mark.parametrize("updates", [1, 2, 3, 4, 9, 10, 11, 20])
+def test_any_number_of_updates_is_made(tmp_path: Path, updates: int) -> None:
+    # A tenth of 10 is one update, in which a learning rate cannot rise.
+    words = (*SETTINGS, "locomotion.k=4", f"locomotion.updates={updates}")
+    finetuner, head = make(explore_settings(*words))
+    before = copy.deepcopy(head.state_dict())
+    finetuner.extend(walks())
+    finetuner.finish(tmp_path)
+    with (tmp_path / "locomotion.csv").open() as file:
+        assert [row["update"] for row in csv.DictReader(file)] == [str(updates)]
+    found = head.state_dict()
+    assert any(not torch.equal(before[name], one) for name, one in found.items())
+
+
 def test_weights_of_the_head_decay_as_its_settings_say(tmp_path: Path) -> None:
     sizes = []
     for decay in (0.0, 10.0):

@@ -20,6 +20,9 @@ MOST_THREADS = 1024
 MOST_DRAWS = 1_000_000
 #: Most gigabytes of views; no machine has the memory for more.
 MOST_GB = 100_000
+#: Largest size of a number that is no whole one. Tensors hold 3.4e38, and optimisers
+#: multiply such numbers by some more before a tensor gets them.
+_LARGEST = 1e30
 #: Most bytes of a YAML file of a run; those that runs write have some thousands, and
 #: reading so many takes seconds.
 _MOST_BYTES = 50_000
@@ -118,7 +121,7 @@ def _plain_text(file: Path) -> str:
 class Settings:
     """A group of settings, whose fields say what they may hold beside ``None``.
 
-    Numbers are finite in all of them.
+    Numbers are finite in all of them, and none is too large for a tensor.
 
     Examples:
         >>> @dataclass
@@ -141,6 +144,9 @@ class Settings:
                 require_finite(name, value)
             if value is not None and "check" in one.metadata:
                 one.metadata["check"](name, value)
+            if isinstance(value, float):
+                rule = f"{name} must be at most {_LARGEST:g} in size"
+                require(abs(value) <= _LARGEST, rule, value)
 
 
 def _field(

@@ -142,6 +142,8 @@ class PairsConfig(Settings):
         longest, length = max(self.k, self.locomotion_k), self.chunk_len
         rule = "pairs.chunk_len must be more than pairs.k and pairs.locomotion_k"
         require(not self.mined or length > longest, f"{rule}, {longest}", length)
+        rule, number = "pairs.per_update must be at least 2", self.per_update
+        require(not self.mined or number > 1, f"{rule} with pairs.mined=true", number)
 
     def check_room(self, lengths: Mapping[str, int], m: int) -> None:
         """Refuse what has no room for a pair, the longest of M = ``m``."""

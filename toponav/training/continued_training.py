@@ -204,8 +204,10 @@ class LocomotionFinetuner(Consumer):
             autocast=make_autocast(self.device, bf16=True),
             check=self.check,
         )
+        # A tenth of ten updates is one, in which no rate can rise: a division by zero.
+        rise = 0.1 if config.updates > 10 else 0.3
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            trainer.optimizer, config.lr, total_steps=config.updates, pct_start=0.1
+            trainer.optimizer, config.lr, total_steps=config.updates, pct_start=rise
         )
         rows: list[dict[str, float]] = []
         sums = torch.zeros(2)
