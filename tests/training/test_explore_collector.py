@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import pytest
 import torch
 
 from tests import foreign_world  # noqa: F401
@@ -11,11 +12,14 @@ from toponav.collectors import Mailbox, PreparedCollector
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
 from toponav.methods import LEARNERS, make_reward
 from toponav.training import Explorer, make_worker_env, prepare_worker
+from toponav.transforms import WaypointMemory
 
 WORLD = ("world=gym", "world.id=tests.foreign_world:ForeignWorld-v0")
 
 
-def test_a_new_version_embeds_the_first_views_too() -> None:
+@pytest.mark.parametrize("rollouts", [0, 1])
+def test_a_new_version_embeds_the_first_views_too(rollouts: int) -> None:
+    """Also one that is published after the collector was built, before it plays."""
     settings = explore_settings(*WORLD, "online.learn=true", "reward.threshold=0.5")
     world = world_of(settings)
     networks = make_networks(settings.model, world.spec)
@@ -40,15 +44,20 @@ def test_a_new_version_embeds_the_first_views_too() -> None:
         total_frames=-1,
     )
     try:
-        collector.rollout()
+        for _ in range(rollouts):
+            collector.rollout()
+        explorer.novelty.threshold.fill_(0.75)
         with torch.no_grad():
             for parameter in networks.tc.encoder.parameters():
                 parameter += 0.1 * torch.randn_like(parameter)
         mailbox.publish("networks", explorer.modules()["networks"])
         batch = collector.rollout()
+        transforms = [*collector.env.transform]
     finally:
         collector.shutdown()
     assert batch["version", "networks"].unique().tolist() == [1]
+    (memory,) = [one for one in transforms if isinstance(one, WaypointMemory)]
+    assert memory.threshold == 0.75
     with torch.no_grad():
         expected = networks.tc.embed(batch[NETWORK_PIXELS].flatten(0, 1))
     torch.testing.assert_close(batch[EMBEDDING].flatten(0, 1), expected)

@@ -103,8 +103,8 @@ def test_a_collector_goes_on_where_another_one_was(overrides: tuple[str, ...]) -
     batches(whole, 5)
     state = copy.deepcopy(whole.running_episodes())
     for name, module in explorer.modules().items():
-        for value in module.parameters():
-            value.data.mul_(1.1)
+        for value in module.state_dict().values():
+            value.copy_(1.1 * value)
         if name != "networks" or config.online.learn:
             mailbox.publish(name, module)
     expected = batches(whole, 4)

@@ -159,6 +159,8 @@ class MailboxCollector(Collector):
     Args:
         create_env_fn, policy, kwargs: as for TorchRL's ``Collector``.
         mailbox, subscriptions: what is read before every rollout.
+        versions: of modules that were filled before the environments were built; a
+            newer one is refreshed for. Those of the others are read without.
         keep: keys of a batch that leave this process, nested ones too; all by default.
         worker_idx: number of this collector among several, for ``env_id``.
     """
@@ -170,13 +172,14 @@ class MailboxCollector(Collector):
         *,
         mailbox: Mailbox,
         subscriptions: Sequence[Subscription],
+        versions: Mapping[str, int] | None = None,
         keep: Sequence[NestedKey] | None = None,
         worker_idx: int | None = None,
         **kwargs: Any,
     ) -> None:
         self.mailbox = mailbox
         self.subscriptions = tuple(subscriptions)
-        self.versions: dict[str, int] = {}
+        self.versions = dict(versions or {})
         self.keep = keep
         self._batch: TensorDictBase | None = None
         super().__init__(create_env_fn, policy, worker_idx=worker_idx, **kwargs)
@@ -229,6 +232,8 @@ class MailboxCollector(Collector):
         """Continue from what an identical collector's `running_episodes` returned."""
         self.env.base_env.games.resume_episodes(state["games"])
         self.env.transform.load_state_dict(state["transforms"], strict=False)
+        # All is read again: the transforms' state has buffers of what is published.
+        self.versions = {}
         self.pull()
         self._carrier = self._carrier.empty().update(state["carried"])  # type: ignore[has-type]
         self._traj_pool.load_state_dict({"traj_id": state["next_trajectory"]})

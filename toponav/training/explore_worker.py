@@ -61,8 +61,14 @@ def prepare_worker(
     seed = seed_of(settings.seed, decisions, worker_idx, *again)
     prepare_process(threads=1, seed=seed)
     device = make_device(settings.collect_device, "collect.device")
-    fill = mailbox.pull
+    versions: dict[str, int] = {}
+
+    def fill(name: str, module: nn.Module) -> None:
+        versions[name] = mailbox.pull(name, module)
+
     explorer = make_explorer(settings, world, mailbox.names, fill, device=device)
+    # The policy that acts is the collector's own, which its first rollout fills.
+    del versions[POLICY]
     return {
         # All of a rollout is there; what leaves this process is copied at its end.
         "device": device,
@@ -79,6 +85,7 @@ def prepare_worker(
         },
         "mailbox": mailbox,
         "subscriptions": _subscriptions(explorer),
+        "versions": versions,
         "keep": keep,
     }
 
