@@ -9,9 +9,8 @@ from toponav.config import ExploreConfig
 _LARGE = 100  # open cells
 # An explorer that covers a maze has a waypoint for every second cell or so.
 _CELLS_PER_WAYPOINT = 2
-# Decisions for each open cell that episodes of 1,800 give in select, where settings are
-# chosen, which has 49.
-_PER_CELL = 1_800 / 49
+# Open cells of select, where settings are chosen, in episodes of so many decisions.
+_SELECT, _DECISIONS = 49, 1_800
 # Views of each open cell that a map by poses is fed. In two layouts of our own 373 and
 # 502 were enough, and with 167 a part of a maze lay two cells off
 # (results/navigation.md).
@@ -33,7 +32,8 @@ def large_maze_hints(settings: ExploreConfig, world: World) -> list[str]:
     if crossed < cells:
         found.append(
             f"An episode of {length:,} decisions crosses at most {crossed} of the "
-            f"{cells} open cells: maze.episode_length={round(_PER_CELL * cells)} has "
+            f"{cells} open cells: maze.episode_length="
+            f"{round(_DECISIONS * cells / _SELECT)} has "
             "as many for each as in the maze select."
         )
     # The memory of other methods is no list of waypoints.
