@@ -5,6 +5,7 @@ import io
 import json
 import operator
 import os
+import subprocess
 import zipfile
 
 import networkx
@@ -318,3 +319,23 @@ def test_an_array_far_larger_than_the_file_is_not_read(
     monkeypatch.setattr("toponav.graph.map_file._ANY_ARRAY", 10_000)
     with pytest.raises(MapFileError, match=r"embeddings of float32 \(3, 4096\)"):
         load_map(path)
+
+
+@pytest.mark.parametrize("kind", ["ICO", "EPS", "BMP"])
+def test_views_of_another_format_are_not_even_opened(
+    state, tmp_path, monkeypatch, kind
+) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    buffer = io.BytesIO()
+    # What fits the other views, but for its format.
+    options = {"sizes": [(4, 5)]} if kind == "ICO" else {}
+    Image.fromarray(state["images"][0].numpy()).save(buffer, kind, **options)
+    rewrite(path, "views/000000.png", buffer.getvalue())
+    opened = []
+    # PIL decodes an icon to open it, and starts Ghostscript to load an EPS.
+    monkeypatch.setitem(Image.OPEN, kind, (lambda *_: opened.append(kind), None))
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: opened.append("process"))
+    with pytest.raises(MapFileError, match=r"got the damaged .*a view that is no PNG"):
+        load_map(path)
+    assert opened == []

@@ -1,10 +1,12 @@
 """The views of a map in a file: written once, whole whenever the process ends."""
 
+import io
 import os
 from pathlib import Path
 
 import pytest
 import torch
+from PIL import Image
 
 from tests.graph.grey_world import compare, embed, episode
 from toponav.graph import (
@@ -205,3 +207,10 @@ def test_a_full_disk_is_said_with_the_file() -> None:
     with pytest.raises(OSError, match=r"No space left on device: '/dev/full'"):
         full.append(torch.zeros(4, 6, 3, dtype=torch.uint8))
     assert len(full) == 0
+
+
+def test_a_view_of_another_format_is_refused() -> None:
+    buffer = io.BytesIO()
+    Image.fromarray(some(0).numpy()).save(buffer, "BMP")
+    with pytest.raises(ValueError, match="a view that is no PNG"):
+        decode_view(buffer.getvalue())

@@ -17,10 +17,9 @@ from typing import IO, Any
 
 import numpy as np
 import torch
-from PIL import Image
 from torch import Tensor
 
-from toponav.graph.views import encode_view, naming
+from toponav.graph.views import encode_view, naming, open_view
 
 _FORMAT, _VERSION = "toponav map", 2
 _COUNTS, _SIMILARITIES = ("version", "network_version"), ("tc_threshold", "tc_reach")
@@ -243,7 +242,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 def _views(files: list[bytes], room: int) -> Tensor:
     """Pictures of one size, uint8 ``[W, H, W, 3]``, no more than there is room for."""
-    pictures = [Image.open(io.BytesIO(data)) for data in files]
+    pictures = [open_view(data) for data in files]
     kinds = {(picture.size, picture.mode) for picture in pictures}
     _check(len(kinds) <= 1 and all(mode == "RGB" for _, mode in kinds), "unlike views")
     for (width, height), _ in kinds:

@@ -10,7 +10,7 @@ from typing import Any, Protocol, overload
 
 import numpy as np
 import torch
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 from torch import Tensor
 
 _PIECE = 1 << 20  # bytes
@@ -200,4 +200,16 @@ def encode_view(view: Tensor) -> bytes:
 
 def decode_view(data: bytes) -> Tensor:
     """The view of a PNG."""
-    return torch.from_numpy(np.array(Image.open(io.BytesIO(data))))
+    return torch.from_numpy(np.array(open_view(data)))
+
+
+def open_view(data: bytes) -> Image.Image:
+    """A PNG of which only the size is read yet; ``ValueError`` if it is none.
+
+    Of other formats that is not all: some are decoded to know their size, which has no
+    limit then, and some are read by another program.
+    """
+    try:
+        return Image.open(io.BytesIO(data), formats=["PNG"])
+    except UnidentifiedImageError as bad:
+        raise ValueError("a view that is no PNG") from bad
