@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from tests.graph.grey_world import episode, make_map
 from toponav.graph import MapFileError, load_map, save_map
@@ -339,3 +340,15 @@ def test_views_of_another_format_are_not_even_opened(
     with pytest.raises(MapFileError, match=r"got the damaged .*a view that is no PNG"):
         load_map(path)
     assert opened == []
+
+
+def test_a_view_with_a_text_is_refused(state, tmp_path) -> None:
+    path = tmp_path / "map.zip"
+    save_map(state, path)
+    text, buffer = PngInfo(), io.BytesIO()
+    # A megabyte in 1 kB; with 60 of them each view took 60 MB.
+    text.add_text("key", "a" * 1_000_000, zip=True)
+    Image.fromarray(state["images"][0].numpy()).save(buffer, "PNG", pnginfo=text)
+    rewrite(path, "views/000000.png", buffer.getvalue())
+    with pytest.raises(MapFileError, match=r"damaged .*a view that holds more than"):
+        load_map(path)

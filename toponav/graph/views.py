@@ -210,6 +210,11 @@ def open_view(data: bytes) -> Image.Image:
     limit then, and some are read by another program.
     """
     try:
-        return Image.open(io.BytesIO(data), formats=["PNG"])
+        picture = Image.open(io.BytesIO(data), formats=["PNG"])
     except UnidentifiedImageError as bad:
         raise ValueError("a view that is no PNG") from bad
+    # A text or colour profile, which `encode_view` does not write, is kept in memory
+    # and may be a thousand times as long as its part of the file.
+    if picture.info:
+        raise ValueError("a view that holds more than its pixels")
+    return picture
