@@ -184,6 +184,7 @@ def load_networks(
     path = networks_path(path, setting)
     file = path / NETWORKS_FILE if path.is_dir() else path
     with reading_checkpoint(file, setting, _HEADER, "networks") as state:
+        _require_words(state)
         # Earlier versions knew one engine alone, and did not write its numbers.
         default = load_engine(DEFAULT_ENGINE).world
         height, width = state.get("view_size", default.view_size)
@@ -210,6 +211,20 @@ def load_networks(
         networks.thresholds = thresholds
     networks.modules.eval()
     return networks
+
+
+def _require_words(state: Mapping[str, Any]) -> None:
+    """Refuse settings that refusals could not print, such as a million tensors.
+
+    Raises:
+        ValueError: unless they are words, numbers or lists of those.
+    """
+    others = ("view_size", "num_actions", "engine")
+    given = {**state["model"], **{name: state.get(name) for name in others}}
+    for name, value in given.items():
+        for one in value if isinstance(value, list | tuple) else [value]:
+            if not isinstance(one, str | int | float | None):
+                raise ValueError(f"{name} is no word, number or list of them")
 
 
 def _require_weights(
@@ -245,7 +260,9 @@ def _read_thresholds(
     for name, value in found.items():
         rule = f"{setting} must name networks whose thresholds are numbers in [0, 1]"
         holds = type(value) in (int, float) and 0 <= value <= 1
-        require(holds, rule, f"{file} with {name}={str(value)[:40]}")
+        plain = isinstance(value, str | int | float)
+        given = str(value)[:40] if plain else type(value).__name__
+        require(holds, rule, f"{file} with {name}={given}")
     return dict(found)
 
 

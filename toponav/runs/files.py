@@ -5,10 +5,12 @@ Checkpoints hold tensors and plain values, and are read without running code.
 
 import math
 import os
+import pickletools
 import re
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,13 @@ from toponav.config import SettingsError, require
 CHECKPOINT_FILE = "checkpoint.pt"
 # Under these keys a checkpoint holds weights and what trains them.
 _TRAINED = {"weights", "policy", "optimizer", "head", "reward"}
+# What `save_atomically` writes names these alone, and earlier versions the last two.
+_NAMES = re.compile(
+    r"collections OrderedDict|torch\._utils _rebuild_tensor_v2|torch [A-Z]\w+Storage"
+    r"|torch Size|torch device"
+)
+# Containers inside each other: runs have 9 at most.
+_DEEPEST = 30
 #: One measurement: names to values.
 Figures = Mapping[str, float]
 
@@ -101,24 +110,21 @@ def reading_checkpoint(
     """
     require(path.is_file(), f"{setting} must name a run with {path.name}", path)
     try:
-        with zipfile.ZipFile(path) as archive:
-            stored = all(not entry.compress_type for entry in archive.infolist())
-            # torch itself does not compare the checksums that it writes.
-            if not stored or archive.testzip() is not None:
-                raise ValueError("its checksums do not fit its content")
+        room = _require_own(path)
         found = torch.load(path, map_location="cpu", weights_only=True)
+        _require_tree(found, room)
+        wrong = next(_not_finite(found), None)
     except Exception as bad:  # damage can make any of the readers fail in any way
         raise SettingsError(
             f"{setting} must name a complete file, got the damaged "
             f"{path} ({_reason(bad)})"
         ) from bad
     rule, given = f"{setting} must name a file of this package", type(found).__name__
-    require(isinstance(found, dict), rule, f"{path} with a {given}")
+    require(type(found) is dict, rule, f"{path} with a {given}")
     rule = f"{setting} must name {noun} of version {header['version']}"
-    words = [str(found.get(key, "")) for key in header]
+    words = [_word(found.get(key, "")) for key in header]
     given = " ".join(words).strip()[:80] or "something else"
     require(words == list(map(str, header.values())), rule, f"{path} with {given}")
-    wrong = next(_not_finite(found), None)
     rule = f"{setting} must name {noun} whose weights are all finite numbers"
     require(wrong is None, rule, f"{path} with {wrong}")
     try:
@@ -130,6 +136,66 @@ def reading_checkpoint(
             f"{setting} must name {noun} saved with the same settings, got {path} "
             f"({_reason(bad)})"
         ) from bad
+
+
+def _require_own(path: Path) -> int:
+    """Refuse what `save_atomically` does not write; returns the bytes of its pickles.
+
+    Raises:
+        ValueError: if its checksums do not fit, or it makes other than tensors and
+            values, such as a bytearray, which a few bytes may ask to have gigabytes.
+    """
+    size = 0
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        stored = all(not entry.compress_type for entry in entries)
+        # torch reads a file that begins otherwise as one of its old format.
+        whole = any(entry.header_offset == 0 for entry in entries)
+        # torch itself does not compare the checksums that it writes.
+        if not (stored and whole) or archive.testzip() is not None:
+            raise ValueError("its checksums do not fit its content")
+        for entry in entries:
+            if entry.filename.endswith(".pkl"):
+                content = archive.read(entry)
+                size += len(content)
+                _require_names(content)
+    return size
+
+
+def _require_names(pickled: bytes) -> None:
+    """Refuse a pickle that would call anything but what makes tensors."""
+    for code, name, _ in pickletools.genops(pickled):
+        if code.name == "GLOBAL" and not _NAMES.fullmatch(str(name)):
+            raise ValueError(f"with {name}, which no run writes")
+
+
+def _require_tree(found: object, room: int) -> None:
+    """Refuse what nobody could walk through or print: a container inside itself.
+
+    One that stands in many places counts in each. There is ``room`` for as many entries
+    as there are bytes, of which each takes one at least.
+    """
+    level = [found]
+    for _ in range(_DEEPEST):
+        level = list(islice(chain.from_iterable(map(_inside, level)), room + 1))
+        room -= len(level)
+        if not level or room < 0:
+            break
+    if level:
+        raise ValueError("with entries inside each other without an end")
+
+
+def _inside(entry: object) -> Iterable[object]:
+    """What a container holds directly."""
+    if isinstance(entry, Mapping):
+        return chain(entry.keys(), entry.values())
+    return entry if isinstance(entry, list | tuple | set) else ()
+
+
+def _word(value: object) -> str:
+    """A word or number as it is; of anything else, what it is."""
+    plain = isinstance(value, str | int | float)
+    return str(value) if plain else type(value).__name__
 
 
 def _reason(error: Exception) -> str:
