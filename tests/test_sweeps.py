@@ -133,6 +133,24 @@ def test_a_sweep_that_is_started_again_leaves_its_runs_alone(
     assert files_of(folder) == kept
 
 
+def test_a_sweep_leaves_the_settings_of_a_run_in_progress_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "sweep" / "0"
+    kept = make_folder(folder, "config/hydra.yaml")
+    words = ("-m", "seed=0,1", "hydra.sweep.dir=sweep", "hydra.sweep.subdir=${seed}")
+    with alone_in(folder / "config"):
+        done = tour(tmp_path, *words, "video=avi")
+        assert files_of(folder) == kept | {"config/.lock": b""}
+    assert done.returncode == 2
+    said = done.stderr.splitlines()
+    assert said[0] == (
+        "tour: a run must have its folder to itself, got one that another run is "
+        f"writing to: '{folder}' (seed=0 video=avi tour=smoke maze=maze1)"
+    )
+    # The other job goes on, to its own mistake.
+    assert said[1].startswith("tour: video must be")
+    assert said[2] == "tour: not all jobs of the sweep succeeded"
+
+
 @pytest.mark.slow
 def test_draws_of_a_sweep_are_plain_numbers_in_its_runs(tmp_path: Path) -> None:
     words = ["-m", "seed=3,4", "maze.paintings=${log_uniform:0.1,0.9}"]

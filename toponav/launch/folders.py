@@ -27,8 +27,10 @@ from toponav.runs import (
 
 _configure_log = utils.configure_log
 _hydras_sweeper = Plugins.instantiate_sweeper
-# Holds the lock of a run from before Hydra writes into its folder.
+# Holds the lock of a job from before Hydra writes into its folder.
 _lock = ExitStack()
+# Of the job that took it, why it is refused, if it is; empty where no hook of ours ran.
+_begun: list[SettingsError | None] = []
 # What Hydra saves of a run, in this order.
 _SAVED = ("config.yaml", "hydra.yaml", "overrides.yaml")
 
@@ -47,18 +49,28 @@ def log_in_own_folder(
     """Let Hydra open its log, the first file of a run, if the folder is the run's own.
 
     From then on it is: `job_lock` takes the lock over. `SettingsError` if another run
-    is writing there, or has left its results.
+    is writing there, or has left its results; for a job of a sweep `job_lock` raises
+    it, since an error here would end the whole sweep.
     """
     # A sweep's own log is opened where no job is.
     job = HydraConfig.get() if HydraConfig.initialized() else None
     # A recipe without settings in its folder writes beside the runs of others.
-    if job and job.mode is RunMode.RUN and job.output_subdir is not None:
-        folder = Path(job.runtime.output_dir)
-        own = folder / job.output_subdir
-        _lock.callback(remove_empty, own)  # of one that is refused
-        _lock.enter_context(alone_in(own))
-        _require_free(folder)
+    if job and job.output_subdir is not None:
+        _begun[:] = [None]
+        try:
+            _take(_lock, Path(job.runtime.output_dir) / job.output_subdir)
+        except SettingsError as error:
+            if not is_sweep():
+                raise
+            _begun[:] = [error]
     _configure_log(log_config, verbose_config)
+
+
+def _take(held: ExitStack, own: Path) -> None:
+    """Hold the lock of a job's settings folder, if its run folder has no results."""
+    held.callback(remove_empty, own)  # of one that is refused
+    held.enter_context(alone_in(own))
+    _require_free(own.parent)
 
 
 def _require_free(folder: Path) -> None:
@@ -67,27 +79,25 @@ def _require_free(folder: Path) -> None:
     hint = f" (did you mean resume='{folder}'?)" if can_go_on else ""
     setting = folder_setting((), sweep=is_sweep())
     rule = f"{setting} must name a folder without results of another run"
-    require(not _is_taken(folder), rule, f"'{folder}'{hint}")
-
-
-def _is_taken(folder: Path) -> bool:
-    """Whether another run has left results where this job would begin its own."""
     words: Any = OmegaConf.to_container(HydraConfig.get().overrides.task)  # as given
-    return has_results(folder) and not any(one.startswith("resume='") for one in words)
+    resumes = any(one.startswith("resume='") for one in words)
+    require(resumes or not has_results(folder), rule, f"'{folder}'{hint}")
 
 
 @contextmanager
 def job_lock(own: Path | None) -> Iterator[None]:
-    """Hold the lock of a job's settings folder; that of a single run is held already.
+    """Hold the lock of a job's settings folder, which is taken already as a rule.
 
     ``None`` for a job that writes beside others. `SettingsError` if another run is
     writing there, or has left its results.
     """
     with _lock.pop_all() as held:
-        if own is not None and is_sweep():
-            held.enter_context(alone_in(own))
-            # As when a launcher starts once more a job that was cut off.
-            _require_free(own.parent)
+        if own is not None:
+            # In a process of a launcher's, Hydra opened the log by itself.
+            if not _begun:
+                _take(held, own)
+            elif (refusal := _begun.pop()) is not None:
+                raise refusal
         yield
 
 
@@ -96,9 +106,8 @@ def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
 
     Where it cannot be written, a folder that holds nothing else is removed.
     """
-    # The settings of another run stay; an error here would end the whole sweep, and
-    # `job_lock` refuses this job of it.
-    if _is_taken(output_dir.parent):
+    # The settings of another run stay; `job_lock` refuses this job of a sweep.
+    if any(_begun):
         return
     try:
         output_dir.mkdir(parents=True, exist_ok=True)
