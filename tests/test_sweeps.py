@@ -133,6 +133,17 @@ def test_a_sweep_that_is_started_again_leaves_its_runs_alone(
     assert files_of(folder) == kept
 
 
+def test_a_sweep_in_batches_goes_on_after_one_that_fails(tmp_path: Path) -> None:
+    words = ("decisions=0", "seed=0,1", "hydra.sweeper.max_batch_size=1")
+    done = tour(tmp_path, "-m", *words)
+    assert done.returncode == 2
+    first, second, last = done.stderr.splitlines()
+    assert first.endswith("(decisions=0 seed=0 tour=smoke maze=maze1)")
+    assert second.endswith("(decisions=0 seed=1 tour=smoke maze=maze1)")
+    assert last == "tour: not all jobs of the sweep succeeded"
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_sweep_leaves_the_settings_of_a_run_in_progress_alone(tmp_path: Path) -> None:
     folder = tmp_path / "sweep" / "0"
     kept = make_folder(folder, "config/hydra.yaml")

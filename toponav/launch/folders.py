@@ -3,12 +3,14 @@
 import os
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hydra.core import utils
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
+from hydra.core.utils import JobReturn, JobStatus
 from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -125,22 +127,35 @@ def make_sweeper(plugins: Plugins, *, config: DictConfig, **arguments: Any) -> A
     """Hydra's sweeper, which leaves no folder where no job of the sweep has a run.
 
     It makes the folder before it composes the jobs, and one that is bad ends them all.
+    A job that fails does not: its error is raised after the last batch.
     """
     name = "hydra.sweeper.max_batch_size"
     size = OmegaConf.select(config, name)
     require(size is None or size > 0, f"{name} must be null or at least 1", size)
     sweeper: Any = _hydras_sweeper(plugins, config=config, **arguments)
-    sweep = sweeper.sweep
+    sweep, failed = sweeper.sweep, list[JobReturn]()
+    # Optimisers among Hydra's plugins have it elsewhere, and need each result.
+    launcher: Any = getattr(sweeper, "launcher", None)
+
+    def launch_batch(*batch: Any, launch: Any, **numbered: Any) -> list[JobReturn]:
+        ended = launch(*batch, **numbered)
+        failed.extend(job for job in ended if job.status is JobStatus.FAILED)
+        return [job for job in ended if job.status is not JobStatus.FAILED]
 
     def tidy(arguments: list[str]) -> Any:
         try:
-            return sweep(arguments)
+            found = sweep(arguments)
+            for job in failed:
+                job.return_value  # noqa: B018 -- which raises its error
+            return found
         except Exception:
             with suppress(Exception):  # a folder that cannot be named or read
                 remove_sweep(Path(config.hydra.sweep.dir))
             raise
 
     sweeper.sweep = tidy
+    if launcher is not None:
+        launcher.launch = partial(launch_batch, launch=launcher.launch)
     return sweeper
 
 
