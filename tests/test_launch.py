@@ -45,6 +45,13 @@ def test_quotes_around_the_folder_do_not_matter(tmp_path: Path, given: str) -> N
     assert found[-1] == f"hydra.run.dir='{folder}'"
 
 
+@pytest.mark.parametrize("given", ["'{}/it\\'s'", '"{}/it\'s"', "{}/it's"])
+def test_a_folder_with_an_apostrophe_is_resumed(tmp_path: Path, given: str) -> None:
+    (tmp_path / "it's").symlink_to(run_folder(tmp_path))
+    found = resumed_arguments([f"resume={given.format(tmp_path)}"], "pretrain")
+    assert found[-1] == f"hydra.run.dir='{tmp_path}/it\\'s'"
+
+
 @pytest.mark.parametrize("arguments", [[], ["maze=maze1"], ["resume=null"]])
 def test_other_command_lines_stay_as_they_are(arguments: list[str]) -> None:
     assert resumed_arguments(arguments, "explore") == arguments

@@ -3,6 +3,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from tests.composed import settings
 from tests.explored import RING
@@ -77,6 +78,32 @@ def test_a_layout_that_was_edited_gets_a_pretraining_of_its_own(
     assert (tmp_path / "noted").read_text() == 2 * "maze=file\n"
     assert folders[0] == folders[1] != folders[2]
     assert [one.name.rpartition("-")[0] for one in folders] == 3 * ["ring-smoke"]
+
+
+def test_a_layout_whose_name_has_an_apostrophe_is_pretrained_in(
+    config: ExploreConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layout, commands = tmp_path / "it's.txt", list[list[str]]()
+    layout.write_text(RING)
+    words = ("maze=file", f'maze.path="{layout}"', config_folder(tmp_path))
+    found = explore_settings(*words)
+    folder = pretraining_folder(found)
+
+    def run(command: list[str], *_: object) -> None:
+        # The first is cut off, the second ends.
+        (folder / ("networks.pt" if commands else "checkpoint.pt")).touch()
+        commands.append(command[2:])
+
+    monkeypatch.setattr(pretraining, "_run", run)
+    with pytest.raises(TrainingError, match="must end with networks"):
+        pretraining.pretrain(found, tmp_path, {})
+    assert pretraining.pretrain(found, tmp_path, {}) == folder
+    parse = OverridesParser.create().parse_overrides
+    first, second = (
+        {word.key_or_group: word.value() for word in parse(one)} for one in commands
+    )
+    assert first["maze.path"] == str(layout)
+    assert first["hydra.run.dir"] == second["resume"] == str(folder)
 
 
 def test_one_that_is_found_may_be_in_a_folder_to_read_alone(

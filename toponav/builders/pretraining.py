@@ -93,9 +93,9 @@ def pretrain(
             return folder
         tqdm.write(f"pre-training in {folder}")
         if (folder / CHECKPOINT_FILE).is_file():
-            arguments = [f"resume='{folder}'"]
+            arguments = [f"resume={_in_hydra(str(folder))}"]
         else:
-            arguments = [*overrides, f"hydra.run.dir='{folder}'"]
+            arguments = [*overrides, f"hydra.run.dir={_in_hydra(str(folder))}"]
         _run([sys.executable, str(script), *arguments], lock, environment)
     if not (folder / NETWORKS_FILE).is_file():
         raise TrainingError(

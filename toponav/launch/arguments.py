@@ -52,7 +52,7 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
             or another recipe, with settings that ``recipe`` has not.
     """
     given = [word for word in arguments if word.startswith("resume=")]
-    folder = given[-1].partition("=")[2].strip("'\"") if given else ""
+    folder = _bare(given[-1].partition("=")[2]) if given else ""
     if folder in ("", "null"):
         return arguments
     overrides = Path(folder) / "config" / "overrides.yaml"
@@ -127,5 +127,12 @@ def named_folder(arguments: list[str], name: str) -> list[str]:
 
 def _quoted(folder: str) -> str:
     """In quotes for Hydra: a sweep's folder has equals signs and commas in its name."""
-    bare = folder.strip("'\"")
-    return "'" + bare.replace("'", "\\'") + "'"
+    return "'" + _bare(folder).replace("'", "\\'") + "'"
+
+
+def _bare(folder: str) -> str:
+    """Without the quotes around it, in which Hydra's grammar escapes others."""
+    quoted = re.fullmatch(r"(['\"])(.*)\1", folder, re.DOTALL)
+    if quoted is None:
+        return folder
+    return quoted[2].replace(f"\\{quoted[1]}", quoted[1])
