@@ -38,6 +38,9 @@ from toponav.reports import write_practice
 from toponav.runs import stop_requests
 from toponav.training import PracticeRules, SteeringPractice
 
+#: What is true of a practice that was stopped: it has no ``resume``.
+_STOPPED = "the run folder has the controller of the decisions so far"
+
 
 @recipe("practise", aliases={"scale": "practise"})
 def main(settings: PractiseConfig, folder: Path) -> None:
@@ -60,7 +63,7 @@ def main(settings: PractiseConfig, folder: Path) -> None:
     )
     trials, rows = navigator.trials, list[dict[str, float]]()
     with (
-        stop_requests() as stop,
+        stop_requests(_STOPPED) as stop,
         closing(make_practice_env(settings)) as env,
         tqdm(total=practice.decisions, unit="decision", desc="practise") as bar,
     ):

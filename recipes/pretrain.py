@@ -45,6 +45,7 @@ from toponav.launch import recipe
 from toponav.methods import make_worlds
 from toponav.reports import (
     PRETRAIN,
+    is_waited_for,
     pretrain_schedule,
     pretrained_share,
     progress_figures,
@@ -53,7 +54,13 @@ from toponav.reports import (
     write_reports,
     write_walk_map,
 )
-from toponav.runs import StoppedError, make_loggers, stop_requests, write_history
+from toponav.runs import (
+    CONTINUES,
+    StoppedError,
+    make_loggers,
+    stop_requests,
+    write_history,
+)
 from toponav.training import (
     Validation,
     decisions_due,
@@ -99,7 +106,8 @@ def main(settings: PretrainConfig, folder: Path) -> None:
         counts = {"update": trainer.updates, "decisions": decisions, "seconds": seconds}
         return counts | validate()
 
-    with stop_requests() as stop:
+    # An exploration that waits is started again itself, and says how it ended.
+    with stop_requests(None if is_waited_for() else CONTINUES) as stop:
         try:
             with (
                 collect_frames(

@@ -15,6 +15,7 @@ import psutil
 import pytest
 import torch
 
+from tests.explored import RING
 from tests.exploring import save_untrained
 from tests.forked import run_forked
 from tests.test_explore import SHORT, command, rows
@@ -132,3 +133,24 @@ def test_it_goes_on_whatever_ended_it(tmp_path: Path) -> None:
     decisions = [int(row["decisions"]) for row in rows(folder / "metrics.csv")]
     assert decisions == list(range(64, stopped + 65, 64))
     assert not list(folder.rglob(".*"))
+
+
+@pytest.mark.slow
+def test_one_that_is_stopped_while_it_pre_trains_promises_nothing(
+    tmp_path: Path,
+) -> None:
+    said, layout = tmp_path / "said", tmp_path / "it's.txt"
+    layout.write_text(RING)
+    words = [*SHORT, "maze=file", f'maze.path="{layout}"']
+    words += [f"pretraining.folder={tmp_path}/pre", f"hydra.run.dir={tmp_path}/run"]
+    with going_on(said, *words) as process:
+        # From its first picture on, a pre-training saves before it ends.
+        wait_for(lambda: any(tmp_path.glob("pre/*/walk.png")), process, said)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait() == 128 + signal.SIGINT
+    ends = ("stopped", "explore: ", "pretrain: ")
+    lines = [line for line in said.read_text().splitlines() if line.startswith(ends)]
+    assert lines == ["explore: stopped by Ctrl-C"]
+    # The same command goes on with that pre-training.
+    assert any(tmp_path.glob("pre/*/checkpoint.pt"))
+    assert not (tmp_path / "run").exists()

@@ -1,13 +1,17 @@
 """The practise recipe, run as its users run it."""
 
+import os
 import re
+import signal
 from pathlib import Path
+from unittest.mock import patch
 
 import pandas as pd
 import pytest
 import torch
 from PIL import Image
 
+from recipes import practise as recipe
 from tests.explored import make_run
 from tests.forked import run_forked
 
@@ -41,6 +45,20 @@ def test_a_practice_leaves_a_controller_that_navigation_takes(run: Path) -> None
     done = run_forked("navigate", *words, cwd=run)
     assert done.returncode == 0, done.stderr
     assert len(pd.read_csv(run / "tour" / "summary.csv")) == 1
+
+
+@pytest.mark.slow
+def test_one_that_is_stopped_says_what_it_has(run: Path) -> None:
+    def stop(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    words = [f"run={run}", "scale=smoke", "hydra.run.dir=stopped"]
+    inside = patch.object(recipe, "write_practice", stop)
+    done = run_forked("practise", *words, cwd=run, inside=inside)
+    assert done.returncode == 128 + signal.SIGTERM
+    said = "stopped; the run folder has the controller of the decisions so far"
+    assert done.stderr.splitlines()[-1] == said
+    assert (run / "stopped" / "controller.pt").is_file()
 
 
 @pytest.mark.parametrize(

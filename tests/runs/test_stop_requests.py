@@ -33,6 +33,19 @@ def test_the_second_signal_insists(number: int) -> None:
     assert seen == []
 
 
+def test_what_is_said_is_true_of_the_run(capfd: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for sentences in ([], ["half a table is there"], [None]):
+        with pytest.raises(SystemExit), stop_requests(*sentences):
+            os.kill(os.getpid(), signal.SIGTERM)
+        said.append(capfd.readouterr().err)
+    assert said == [
+        "stopped; resume=<run folder> continues\n",
+        "stopped; half a table is there\n",
+        "",
+    ]
+
+
 def checked_after(number: int) -> None:
     with stop_requests() as stop:
         stop.check()

@@ -71,6 +71,7 @@ from toponav.reports.schedule import (
     PRETRAIN as PRETRAIN,
     Schedule as Schedule,
     explore_schedule as explore_schedule,
+    is_waited_for as is_waited_for,
     pretrain_schedule as pretrain_schedule,
     pretrained_share as pretrained_share,
 )

@@ -269,6 +269,11 @@ def pretrain_schedule() -> Schedule:
     return Schedule(expected, announce=False)
 
 
+def is_waited_for() -> bool:
+    """Whether this process pre-trains for an exploration, which started it."""
+    return _WAITING in os.environ
+
+
 def pretrained_share(done: float) -> float:
     """The share of a pre-training's time that is over after a share of its updates.
 

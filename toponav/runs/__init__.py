@@ -20,6 +20,7 @@ from toponav.runs.files import (
     write_text as write_text,
 )
 from toponav.runs.locks import (
+    CONTINUES as CONTINUES,
     StoppedError as StoppedError,
     alone_in as alone_in,
     locked as locked,

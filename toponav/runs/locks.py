@@ -13,6 +13,9 @@ from typing import IO
 
 from toponav.config import SettingsError
 
+#: What is true of a run that was stopped and can be resumed.
+CONTINUES = "resume=<run folder> continues"
+
 
 @contextmanager
 def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
@@ -114,11 +117,14 @@ class StopRequest:
 
 
 @contextmanager
-def stop_requests() -> Iterator[StopRequest]:
+def stop_requests(sentence: str | None = CONTINUES) -> Iterator[StopRequest]:
     """Let a loop finish its batch before Ctrl-C or SIGTERM ends the process.
 
     In the block signals are only noted: look at ``requested`` between two batches. At
     its end a process that was asked to stop exits with the signal's status.
+
+    Args:
+        sentence: what is true of a run that was stopped; ``None`` to say nothing.
     """
     request = StopRequest()
     numbers = (signal.SIGINT, signal.SIGTERM)
@@ -129,5 +135,6 @@ def stop_requests() -> Iterator[StopRequest]:
         for number, handler in before.items():
             signal.signal(number, handler)
     if request.requested:
-        print("stopped; resume=<run folder> continues", file=sys.stderr)  # noqa: T201
+        if sentence is not None:
+            print(f"stopped; {sentence}", file=sys.stderr)  # noqa: T201
         sys.exit(128 + request.requested)
