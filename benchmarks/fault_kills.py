@@ -109,7 +109,7 @@ def judge(
         silent = False
     if "Traceback" in said or silent:
         faults["traceback"] = f"[{status}] {brief(said)}"
-    if broken := broken_files(place.run, cut=True):
+    if broken := [bad for one in place.runs for bad in broken_files(one, cut=True)]:
         faults["broken"] = broken
     return faults
 
@@ -134,8 +134,8 @@ def resume(place: Place, name: str, again: list[str], faults: dict[str, Any]) ->
         return "failed"
     if "Traceback" in said:
         faults["traceback"] = brief(said)
-    if broken := broken_files(place.run):
+    if broken := [bad for one in place.runs for bad in broken_files(one)]:
         faults["broken"] = broken
-    if stray := temporary_files(place.run):
+    if stray := [half for one in place.runs for half in temporary_files(one)]:
         faults["stray"] = stray
     return how

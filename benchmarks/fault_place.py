@@ -38,6 +38,11 @@ class Place:
     def run(self) -> Path:
         return self.folder / "run"
 
+    @property
+    def runs(self) -> list[Path]:
+        """The folder of the run, and of the pre-training that it started, if it did."""
+        return [self.run, *pretraining_of(self.run).glob("*")]
+
     def start(self, words: Sequence[str], name: str, cwd: Path) -> subprocess.Popen:
         """A recipe in a session of its own; what it prints goes into files."""
         self.temporary.mkdir(parents=True, exist_ok=True)
@@ -110,6 +115,11 @@ class Place:
     def end(self) -> None:
         for process in self.processes():
             process.kill()
+
+
+def pretraining_of(run: Path) -> Path:
+    """Where an exploration in this folder keeps a pre-training of its own."""
+    return run.with_name(f"{run.name}-pretraining")
 
 
 def _take_signals() -> None:

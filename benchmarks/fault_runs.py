@@ -4,7 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from fault_place import ROOT, Place
+from fault_place import ROOT, Place, pretraining_of
 
 SMALL = ("scale=smoke", "model.embedding_dim=8", "maze.episode_length=32")
 EXPLORE = (
@@ -33,11 +33,15 @@ RUNS: dict[str, tuple[str, ...]] = {
         *("explore", *SMALL, *EXPLORE, "map.poses=true"),
         *("maze.episode_length=128", "evaluate.episodes=160"),
     ),
+    # As users start it: kills hit the pre-training, too, which is a process of its own.
+    "explore from nothing": (
+        *("explore", *SMALL, *EXPLORE, "pretraining.scale=smoke"),
+    ),
 }
 
 
 def prepare(work: Path) -> tuple[Path, dict[str, float]]:
-    """Networks for all explorations, and what each run uses undisturbed."""
+    """Networks for explorations, and what each run uses undisturbed."""
     place, file = Place(work / "whole"), work / "seconds.json"
     networks = place.folder / "pretrain" / "networks.pt"
     seconds = json.loads(file.read_text()) if file.exists() else {}
@@ -46,7 +50,8 @@ def prepare(work: Path) -> tuple[Path, dict[str, float]]:
         if name in seconds:
             continue
         folder = place.folder / name.replace(" ", "-")
-        shutil.rmtree(folder, ignore_errors=True)
+        for earlier in (folder, pretraining_of(folder)):
+            shutil.rmtree(earlier, ignore_errors=True)
         process = place.start(command(name, networks, folder), name, ROOT)
         seconds[name] = round(place.wait(process), 1)
         if process.wait() != 0:
@@ -58,4 +63,6 @@ def prepare(work: Path) -> tuple[Path, dict[str, float]]:
 def command(name: str, networks: Path, folder: Path) -> list[str]:
     """The command line of one of the `RUNS`."""
     given = [f"pretrained={networks}"] if name.startswith("explore") else []
+    if name == "explore from nothing":
+        given = [f"pretraining.folder={pretraining_of(folder)}"]
     return [*RUNS[name], *given, f"hydra.run.dir={folder}"]

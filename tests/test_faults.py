@@ -41,6 +41,25 @@ def test_a_damaged_file_of_each_kind_is_found(
     assert found == ["a.pt", "b.csv", "c.json", "d.xyz"]
 
 
+def test_kills_hit_an_exploration_that_pre_trains_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = load_benchmark("fault_runs", monkeypatch)
+    place = load_benchmark("fault_place", monkeypatch).Place(tmp_path)
+    networks = tmp_path / "networks.pt"
+    commands = [runs.command(name, networks, place.run) for name in runs.RUNS]
+    alone = [
+        words
+        for words in commands
+        if words[0] == "explore" and f"pretrained={networks}" not in words
+    ]
+    # What it trains is looked at as well.
+    kept = f"pretraining.folder={tmp_path}/run-pretraining"
+    assert [kept in words for words in alone] == [True]
+    (tmp_path / "run-pretraining" / "maze3-smoke-0").mkdir(parents=True)
+    assert place.runs == [place.run, tmp_path / "run-pretraining" / "maze3-smoke-0"]
+
+
 @pytest.fixture
 def short_path() -> Iterator[Path]:
     """A folder for temporary files of collecting processes.
