@@ -29,7 +29,7 @@ from toponav.reports import (
     report_navigation,
     report_pretraining,
 )
-from toponav.runs import find_runs, require_room, write_text
+from toponav.runs import alone_with, find_runs, require_room, write_text
 
 #: Room for tables and figures, in MB.
 _TABLES_MB = 1.0
@@ -71,9 +71,11 @@ def main(settings: SweepReportConfig, _: Path) -> None:
             for at, (mean, draw) in enumerate(one.best_draws, 1)
         ]
         below = [*best, *(f"\n- {sentence}" for sentence in report.left_out)]
-        write_text(Path(f"{path}.md"), f"{table}{''.join(below)}".rstrip() + "\n")
-        write_text(Path(f"{path}.csv"), csv_table(scores))
-        save_figure(report.figure, f"{path}.png")
+        made = [Path(f"{path}.{kind}") for kind in ("md", "csv", "png")]
+        with alone_with(*made):
+            write_text(made[0], f"{table}{''.join(below)}".rstrip() + "\n")
+            write_text(made[1], csv_table(scores))
+            save_figure(report.figure, made[2])
         texts.append(f"{table}\nwritten to {path}.md, .csv and .png")
 
     # The maps that explorations made, where there is ground truth to judge them by.
@@ -82,8 +84,10 @@ def main(settings: SweepReportConfig, _: Path) -> None:
         scores = summarize_scores(maps, subject="of", unit="runs", draws=settings.draws)
         table = markdown_table(scores)
         remarks = "".join(f"\n- {sentence}" for sentence in without)
-        write_text(folder / "maps.md", f"{table}{remarks}".rstrip() + "\n")
-        write_text(folder / "maps.csv", csv_table(scores))
+        made = [folder / "maps.md", folder / "maps.csv"]
+        with alone_with(*made):
+            write_text(made[0], f"{table}{remarks}".rstrip() + "\n")
+            write_text(made[1], csv_table(scores))
         texts.append(f"{table}\nwritten to {folder / 'maps'}.md and .csv")
     if not texts:
         raise SettingsError(

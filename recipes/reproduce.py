@@ -29,7 +29,7 @@ from toponav.builders import prepare_process
 from toponav.config import ReproduceConfig, TrainingError
 from toponav.launch import recipe
 from toponav.plotting import save_figure
-from toponav.runs import write_text
+from toponav.runs import alone_with, write_text
 
 RECIPES = Path(__file__).parent
 
@@ -92,9 +92,11 @@ def main(settings: ReproduceConfig, _: Path) -> None:
     )
     heading = f"# {experiment.title}\n\n"
     text = f"{heading}{markdown}\n{below}".rstrip()
-    write_text(Path(f"{path}.md"), f"{text}\n")
-    write_text(Path(f"{path}.csv"), reports.experiment_csv(table))
-    save_figure(figure, f"{path}.png")
+    made = [Path(f"{path}.{kind}") for kind in ("md", "csv", "png")]
+    with alone_with(*made):
+        write_text(made[0], f"{text}\n")
+        write_text(made[1], reports.experiment_csv(table))
+        save_figure(figure, made[2])
     print(f"{markdown}\nwritten to {path}.md, .csv and .png")
     for sentence in missing:
         print(sentence, file=sys.stderr)

@@ -70,6 +70,18 @@ def test_the_five_best_draws_stand_below_the_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_half_a_table_of_a_process_that_was_killed_is_removed(tmp_path: Path) -> None:
+    make_exploration(tmp_path, best=[0.9])
+    kept = tmp_path / ".other.4242.md"
+    halves = [tmp_path / f".report.4242.{kind}" for kind in ("md", "csv", "png")]
+    for path in (kept, *halves):
+        path.touch()
+    done = run_forked("report", ".", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.glob(".*")) == [kept]
+
+
+@pytest.mark.slow
 def test_a_folder_with_runs_of_both_recipes_gets_two(tmp_path: Path) -> None:
     make_exploration(tmp_path / "a=1,b=2", best=[0.9])
     make_pretraining(tmp_path / "a=1,b=2", "k=2", mazes={"select": 0.9})

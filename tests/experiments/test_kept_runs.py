@@ -4,6 +4,7 @@ import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from omegaconf import OmegaConf
@@ -26,6 +27,7 @@ from toponav.experiments import (
 from toponav.experiments.decisions_before import decisions_before, explore_settings
 from toponav.experiments.found_runs import find_keys, is_finished
 from toponav.reports import explore_table
+from toponav.runs import locked
 
 TABLES = {"evaluation.csv", "episodes.csv", "metrics.csv"}
 
@@ -152,6 +154,31 @@ def test_half_a_copy_is_not_read(
     lose([cell])
     assert cell.results is None
     assert missing_cells([cell]) == [cell]
+
+
+def test_half_a_copy_of_a_process_that_was_killed_is_removed(
+    settings: ReproduceConfig,
+) -> None:
+    cell, other, _ = plan_cells(settings)
+    finish(cell, 0.5)
+    assert cell.kept is not None
+    half = cell.kept.with_name(f".{cell.kept.name}.ab_d3f9h")
+    # Once as it is kept, and once when it is kept already.
+    for _ in range(2):
+        (half / cell.kept.name).mkdir(parents=True)
+        keep_runs([cell])
+        assert [path.name for path in cell.kept.parent.iterdir()] == [cell.kept.name]
+    # A living process holds its lock.
+    half.mkdir()
+    lock = cell.kept.with_name(f".{cell.kept.name}.lock")
+    with locked(lock):
+        waiting = Thread(target=keep_runs, args=([cell],))
+        waiting.start()
+        keep_runs([other])  # which nothing keeps waiting
+        waiting.join(0.2)
+        assert half.exists()
+    waiting.join()
+    assert not half.exists()
 
 
 def test_what_is_kept_stays_as_it_is(settings: ReproduceConfig) -> None:

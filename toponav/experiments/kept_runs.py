@@ -1,5 +1,6 @@
 """Small copies of finished runs beside a table, which outlive the runs' folders."""
 
+import re
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +13,7 @@ from toponav.config import read_yaml
 from toponav.experiments.cells import Cell
 from toponav.experiments.decisions_before import keep_decisions_before
 from toponav.experiments.found_runs import is_finished
-from toponav.runs import replacing, write_text
+from toponav.runs import locked, replacing, write_text
 
 # What tables, figures and estimates are made of: no networks, maps or pictures. Without
 # ``hydra.yaml``, which names places of this machine, nobody takes a copy for a run.
@@ -32,12 +33,28 @@ def keep_run(cell: Cell) -> None:
     kept = cell.kept
     if kept is None:
         return
-    if cell.results == kept:
+    is_kept = cell.results == kept
+    if is_kept:
         keep_decisions_before(cell, kept)
-        return
-    if not is_finished(cell.folder):
+    is_new = not is_kept and is_finished(cell.folder)
+    if not is_new and not _halves(kept):
         return
     kept.parent.mkdir(parents=True, exist_ok=True)
+    # Another process may make the same table; what lies there unlocked, nobody writes.
+    with locked(kept.with_name(f".{kept.name}.lock")):
+        for half in _halves(kept):
+            shutil.rmtree(half, ignore_errors=True)
+        if is_new and cell.results != kept:
+            _copy(cell, kept)
+
+
+def _halves(kept: Path) -> list[Path]:
+    """What killed processes, or one that is at it, left of a copy."""
+    name = re.compile(rf"\.{re.escape(kept.name)}\.\w{{8}}")  # as `tempfile` adds to it
+    return [path for path in kept.parent.glob(".*") if name.fullmatch(path.name)]
+
+
+def _copy(cell: Cell, kept: Path) -> None:
     with TemporaryDirectory(prefix=f".{kept.name}.", dir=kept.parent) as place:
         whole = Path(place) / kept.name
         for name in _KEPT:
@@ -46,12 +63,7 @@ def keep_run(cell: Cell) -> None:
         keep_decisions_before(cell, whole)
         # A damaged one, which no run is read from.
         shutil.rmtree(kept, ignore_errors=True)
-        try:
-            whole.rename(kept)
-        except OSError:
-            # Another process may have been faster.
-            if cell.results != kept:
-                raise
+        whole.rename(kept)
 
 
 def _forget_resume(saved: Path) -> None:

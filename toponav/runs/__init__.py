@@ -8,6 +8,7 @@ from toponav.runs.draws import (
 from toponav.runs.files import (
     CHECKPOINT_FILE as CHECKPOINT_FILE,
     Figures as Figures,
+    alone_with as alone_with,
     is_plain as is_plain,
     make_loggers as make_loggers,
     reading_checkpoint as reading_checkpoint,

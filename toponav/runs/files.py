@@ -23,6 +23,7 @@ from torch import Tensor
 from torchrl.record.loggers import CSVLogger, Logger, TensorboardLogger
 
 from toponav.config import SettingsError, require
+from toponav.runs.locks import locked
 
 #: The file in a run folder from which a run is resumed.
 CHECKPOINT_FILE = "checkpoint.pt"
@@ -83,6 +84,18 @@ def remove_halves_of(path: Path) -> None:
     for half in path.parent.glob(f".{path.stem}.*{path.suffix}"):
         if re.fullmatch(rf"\.{re.escape(path.stem)}\.\d+{path.suffix}", half.name):
             half.unlink(missing_ok=True)
+
+
+@contextmanager
+def alone_with(*paths: Path) -> Iterator[None]:
+    """Write files of one folder that other processes may write, too: one at a time.
+
+    What killed ones left of them is removed.
+    """
+    with locked(paths[0].with_name(f".{paths[0].stem}.lock")):
+        for path in paths:
+            remove_halves_of(path)
+        yield
 
 
 def save_atomically(state: dict[str, object], path: Path) -> None:
