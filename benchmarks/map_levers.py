@@ -88,27 +88,7 @@ SUPPORT: dict[str, SupportRules] = {
     "poses, below 0.2 doubted": SupportRules(least=0.2),
     "poses, below 0.6 doubted": SupportRules(least=0.6),
 }
-#: When pairs of views that others confirm count alone, and what confirms them: it acts
-#: where few views have a direction, so over few episodes.
-CONFIRM = PoseRules(above=0.0).confirm
-CONFIRMS: dict[str, tuple[Any, ...]] = {
-    "window": (10, 40),
-    "least": (1.5, 6.0),
-    "turned": (15.0, 60.0),
-    "apart": (1.0, 4.0),
-    "share": (0.15, 0.6),
-    "times": (1, 3),
-    "passes": (1, 3),
-}
-POSES: dict[str, dict[str, Any]] = {
-    f"poses, known {share}": {"least_known": share} for share in (0.0, 0.6, 0.9)
-}
-POSES |= {
-    f"poses, confirm {name} {value}": {"confirm": replace(CONFIRM, **{name: value})}
-    for name, values in CONFIRMS.items()
-    for value in values
-}
-LEVERS |= dict.fromkeys([*MOVES, *SUPPORT, *POSES], LEVERS["poses"])
+LEVERS |= dict.fromkeys([*MOVES, *SUPPORT], LEVERS["poses"])
 ENVS, ROLLOUT = 8, 120
 MEASURED: tuple[str, ...] = (
     *("waypoints", "edges", "coverage", "false_edges", "missing_edges", "false_paths"),
@@ -204,7 +184,6 @@ def grow(
     networks: Networks,
     move_rules: MoveRules | None = None,
     support_rules: SupportRules | None = None,
-    pose_rules: dict[str, Any] | None = None,
 ) -> list[float]:
     """The numbers of one row, from ``views`` on."""
     effects = action_effects(world.spec) if config.poses else None
@@ -229,7 +208,7 @@ def grow(
         kept = consolidate(
             topological_map,
             effects,
-            PoseRules(above=topological_map.rules.tc_threshold, **(pose_rules or {})),
+            PoseRules(above=topological_map.rules.tc_threshold),
             within=config.poses_within,
             above=config.poses_above,
             move_rules=move_rules,
@@ -280,7 +259,7 @@ def main() -> None:
         by_poses = lever.startswith("poses")
         config = replace(settings.map, poses=by_poses, **LEVERS[lever])
         played = walks[: options.episodes]
-        rules = MOVES.get(lever), SUPPORT.get(lever), POSES.get(lever)
+        rules = MOVES.get(lever), SUPPORT.get(lever)
         numbers = grow(config, played, world, networks, *rules)
         rows.append([lever, *(round(float(value), 4) for value in numbers)])
         print(dict(zip(COLUMNS, rows[-1], strict=True)), flush=True)
