@@ -306,11 +306,14 @@ def run_next(task_function: Callable[[Any], object], **arguments: Any) -> Any:
     """
 
     def run(cfg: Any) -> None:
-        begin = os.lseek(2, 0, os.SEEK_CUR)
+        begin, before = os.lseek(2, 0, os.SEEK_CUR), {*Path.cwd().rglob("*")}
         try:
             task_function(cfg)
         except Accepted:
             shutil.rmtree(HydraConfig.get().runtime.output_dir, ignore_errors=True)
+            # Tables are written elsewhere.
+            for path in {*Path.cwd().rglob("*")} - before:
+                shutil.rmtree(path, ignore_errors=True)
             sys.stderr.flush()
             os.ftruncate(2, begin)
             os.lseek(2, begin, os.SEEK_SET)
