@@ -105,6 +105,15 @@ def test_a_sweep_goes_on_after_a_job_that_fails(tmp_path: Path) -> None:
     assert (job / "walk.gif").is_file()
 
 
+def refusal_of_the_first(done: subprocess.CompletedProcess[str]) -> str:
+    """What is said of the first of two jobs; the other goes on, to its own mistake."""
+    assert done.returncode == 2
+    first, second, last = done.stderr.splitlines()
+    assert second.startswith("tour: video must be")
+    assert last == "tour: not all jobs of the sweep succeeded"
+    return first
+
+
 @pytest.mark.parametrize(
     ("result", "hint"),
     [("checkpoint.pt", " (did you mean resume='{}'?)"), ("walk.gif", "")],
@@ -121,15 +130,10 @@ def test_a_sweep_that_is_started_again_leaves_its_runs_alone(
         "hydra.sweep.subdir=seed-${seed}",
     )
     done = tour(tmp_path, *words, "video=avi")
-    assert done.returncode == 2
-    said = done.stderr.splitlines()
-    assert said[0] == (
+    assert refusal_of_the_first(done) == (
         "tour: hydra.sweep.dir must name a folder without results of another run, got "
         f"'{folder}'{hint.format(folder)} (seed=0 video=avi tour=smoke maze=maze1)"
     )
-    # The other job goes on, to its own mistake.
-    assert said[1].startswith("tour: video must be")
-    assert said[2] == "tour: not all jobs of the sweep succeeded"
     assert files_of(folder) == kept
 
 
@@ -151,15 +155,10 @@ def test_a_sweep_leaves_the_settings_of_a_run_in_progress_alone(tmp_path: Path) 
     with alone_in(folder / "config"):
         done = tour(tmp_path, *words, "video=avi")
         assert files_of(folder) == kept | {"config/.lock": b""}
-    assert done.returncode == 2
-    said = done.stderr.splitlines()
-    assert said[0] == (
+    assert refusal_of_the_first(done) == (
         "tour: a run must have its folder to itself, got one that another run is "
         f"writing to: '{folder}' (seed=0 video=avi tour=smoke maze=maze1)"
     )
-    # The other job goes on, to its own mistake.
-    assert said[1].startswith("tour: video must be")
-    assert said[2] == "tour: not all jobs of the sweep succeeded"
 
 
 @pytest.mark.slow

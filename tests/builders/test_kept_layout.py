@@ -7,6 +7,7 @@ from unittest.mock import patch
 
 import pytest
 
+from tests.exploring import explore_settings
 from tests.forked import run_forked
 from toponav.builders import keep_layout, make_layout
 from toponav.config import MazeConfig, SettingsError
@@ -15,41 +16,21 @@ RING = "*****\n*   *\n* * *\n*   *\n*****\n"
 OPEN = RING.replace("* * *", "*   *")
 
 
-def own(path: Path, text: str, maze: MazeConfig) -> MazeConfig:
+def own(path: Path, text: str) -> MazeConfig:
     path.write_bytes(text.encode())
-    maze.name, maze.path = "file", str(path)
-    return maze
+    return explore_settings("maze=file", f"maze.path={path}").maze
 
 
-@pytest.fixture
-def maze() -> MazeConfig:
-    return MazeConfig(
-        name="maze1",
-        path=None,
-        rows=3,
-        cols=3,
-        seed=0,
-        loops=0.1,
-        blocked=[],
-        apples=0,
-        goal=False,
-        episode_length=64,
-        texture_seed=0,
-        paintings=0.3,
-        marks=0.3,
-    )
-
-
-def test_a_layout_is_kept_and_compared(tmp_path: Path, maze: MazeConfig) -> None:
+def test_a_layout_is_kept_and_compared(tmp_path: Path) -> None:
     (tmp_path / "config").mkdir()
-    config = own(tmp_path / "my.txt", RING, maze)
+    config = own(tmp_path / "my.txt", RING)
     keep_layout(tmp_path, config, make_layout(config))
     copy = tmp_path / "config/layout.txt"
     assert copy.read_text() == RING
     # Ends of lines and of the file are no part of a layout.
-    own(tmp_path / "my.txt", RING.replace("\n", "\r\n") + "\r\n", maze)
+    own(tmp_path / "my.txt", RING.replace("\n", "\r\n") + "\r\n")
     keep_layout(tmp_path, config, make_layout(config))
-    own(tmp_path / "my.txt", OPEN, maze)
+    own(tmp_path / "my.txt", OPEN)
     with pytest.raises(SettingsError) as refusal:
         keep_layout(tmp_path, config, make_layout(config))
     assert str(refusal.value) == (
@@ -60,11 +41,10 @@ def test_a_layout_is_kept_and_compared(tmp_path: Path, maze: MazeConfig) -> None
     assert copy.read_text() == RING
 
 
-def test_of_other_mazes_and_worlds_nothing_is_kept(
-    tmp_path: Path, maze: MazeConfig
-) -> None:
+def test_of_other_mazes_and_worlds_nothing_is_kept(tmp_path: Path) -> None:
+    maze = explore_settings("maze=maze1").maze
     keep_layout(tmp_path, maze, make_layout(maze))
-    keep_layout(tmp_path, own(tmp_path / "my.txt", RING, maze), None)
+    keep_layout(tmp_path, own(tmp_path / "my.txt", RING), None)
     assert not (tmp_path / "config").exists()
 
 
