@@ -1,4 +1,6 @@
 import errno
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -65,3 +67,37 @@ def test_a_reader_never_finds_half_a_file(tmp_path: Path) -> None:
     reader.join()
     assert found
     assert all(found)
+
+
+# In a process of its own: where the error reaches PyTorch's writer, it may abort.
+INTERRUPTED = """
+import signal, sys, time
+from pathlib import Path
+import torch
+from toponav.runs import save_atomically
+
+path = Path(sys.argv[1])
+state = {str(number): torch.zeros(5000) for number in range(1000)}
+took = []
+for _ in range(3):
+    began = time.monotonic()
+    save_atomically(state, path)
+    took.append(time.monotonic() - began)
+signal.signal(signal.SIGALRM, lambda number, _: sys.exit(128 + number))
+for step in range(40):  # from the first tensors to the last
+    try:
+        signal.setitimer(signal.ITIMER_REAL, max(min(took) * step / 40, 1e-3))
+        save_atomically(state, path)
+        time.sleep(max(took))
+    except SystemExit:
+        print("stopped")
+    assert len(torch.load(path)) == 1000
+"""
+
+
+def test_a_signal_in_the_middle_of_a_save_is_no_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.pt"
+    command = [sys.executable, "-c", INTERRUPTED, str(path)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.stdout.split(), ended.returncode) == (["stopped"] * 40, 0), ended
+    assert list(tmp_path.iterdir()) == [path]

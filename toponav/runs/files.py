@@ -3,6 +3,7 @@
 Checkpoints hold tensors and plain values, and are read without running code.
 """
 
+import io
 import math
 import os
 import pickletools
@@ -100,8 +101,12 @@ def alone_with(*paths: Path) -> Iterator[None]:
 
 def save_atomically(state: dict[str, object], path: Path) -> None:
     """Write tensors and plain values as one file."""
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        torch.save(state, file)
+    # By way of memory: a signal in the middle of a write to a file would reach its
+    # caller as an error of PyTorch's writer.
+    written = io.BytesIO()
+    torch.save(state, written)
+    with replacing(path) as temporary:
+        temporary.write_bytes(written.getbuffer())
 
 
 @contextmanager

@@ -20,7 +20,12 @@ import vizdoom
 from tests.envs.children import Child, run
 from tests.envs.layouts import LANE
 from toponav.envs import EngineError, EngineLostError
-from toponav.envs.engines.doom import engine as engine_module, instances, shared_memory
+from toponav.envs.engines.doom import (
+    engine as engine_module,
+    hang_watch,
+    instances,
+    shared_memory,
+)
 from toponav.envs.engines.doom.engine import Engine, fixed, turn
 from toponav.envs.engines.doom.level import acs
 from toponav.envs.engines.doom.level.compile import compile_maze
@@ -31,6 +36,13 @@ MAZE = compile_maze(LANE)
 
 def start() -> Engine:
     return Engine(wad_file(MAZE.wad), MAZE.map_name)
+
+
+def look_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """End engines that do nothing for a second, by a watch of its own."""
+    monkeypatch.setattr(hang_watch, "_LOOK_S", 0.2)
+    monkeypatch.setattr(hang_watch, "_LOOKS", 5)
+    monkeypatch.setattr(hang_watch, "_thread", None)
 
 
 def test_numbers_are_the_scripts_fixed_point() -> None:
@@ -156,6 +168,41 @@ class TestLosses:
             engine.act([0, 0, 0])
             assert engine.pid != pid
             assert engine.observe()[0].shape == (120, 160, 3)
+        finally:
+            engine.close()
+
+    def test_an_engine_that_hangs_is_lost_and_starts_again(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        look_often(monkeypatch)
+        engine = start()
+        try:
+            engine.new_episode()
+            os.kill(engine.pid, signal.SIGSTOP)
+            with pytest.raises(EngineLostError, match="the engine died"):
+                engine.act([0, 0, 0])
+            engine.restart()
+            engine.new_episode()
+            # One that hangs while nobody waits for it is not ended, but closed it is.
+            os.kill(engine.pid, signal.SIGSTOP)
+            time.sleep(1.5)
+            os.kill(pid := engine.pid, signal.SIGCONT)
+            engine.act([0, 0, 0])
+            os.kill(pid, signal.SIGSTOP)
+        finally:
+            engine.close()
+        assert not psutil.pid_exists(pid)
+
+    def test_an_engine_that_works_for_long_is_waited_for(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        look_often(monkeypatch)
+        engine, began = start(), time.monotonic()
+        try:
+            engine.new_episode()
+            while time.monotonic() < began + 2:
+                engine.act([0, 0, 0], tics=5_000)
+            assert time.monotonic() < began + 60
         finally:
             engine.close()
 

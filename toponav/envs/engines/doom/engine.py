@@ -18,6 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toponav.envs.engines.doom import instances
+from toponav.envs.engines.doom.hang_watch import (
+    forget_calls,
+    kill_engine,
+    start_watch,
+    waiting_for,
+)
 from toponav.envs.engines.doom.level import check_wad
 from toponav.envs.engines.doom.spec import TICS_PER_DECISION, WORLD
 from toponav.envs.game import EngineError, EngineLostError
@@ -82,6 +88,7 @@ class Engine:
             self._end()
             raise
         instances.note_instance(self._folder, game.get_instance_id())
+        start_watch()
         self._game = game
         _running.add(self)
 
@@ -101,30 +108,33 @@ class Engine:
         """End the engine and remove its files."""
         game, self._game = self._game, None
         if game is not None:
+            # For one that hangs ViZDoom would wait, and let no other thread run.
+            kill_engine(self._folder)
             game.close()
         self._end()
 
-    # All of the following raise EngineLostError if the engine died.
+    # All of the following raise EngineLostError if the engine died, or hung for so long
+    # that it was ended.
 
     def new_episode(self) -> None:
         """Reload the map, so that nothing of the last episode is left."""
-        with _noticing_losses():
+        with _noticing_losses(self._folder):
             self.game.new_episode()
 
     def run_script(self, script: int, *arguments: int) -> None:
         """Ask for a script; it runs at the start of the next tic."""
         words = " ".join(str(argument) for argument in arguments)
-        with _noticing_losses():
+        with _noticing_losses(self._folder):
             self.game.send_game_command(f"puke -{script} {words}")
 
     def act(self, buttons: Sequence[float], tics: int = TICS_PER_DECISION) -> None:
         """Hold buttons for some tics: forward, backward, degrees a tic to the right."""
-        with _noticing_losses():
+        with _noticing_losses(self._folder):
             self.game.make_action(buttons, tics)
 
     def observe(self) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
         """The view, uint8 ``[H, W, 3]``, and x, y, angle, apples, goals touched."""
-        with _noticing_losses():
+        with _noticing_losses(self._folder):
             state = self.game.get_state()
         if state is None or state.screen_buffer is None or state.game_variables is None:
             raise EngineLostError("the engine must show a view, and it has none")
@@ -164,6 +174,7 @@ _running: "weakref.WeakSet[Engine]" = weakref.WeakSet()
 def _abandon_parents_engines() -> None:
     global _first_start, _forking
     _first_start, _forking = threading.Lock(), threading.Lock()
+    forget_calls()
     for engine in list(_running):
         engine.abandon()
 
@@ -173,9 +184,10 @@ if hasattr(os, "register_at_fork"):
 
 
 @contextmanager
-def _noticing_losses() -> Iterator[None]:
+def _noticing_losses(folder: Path) -> Iterator[None]:
     try:
-        yield
+        with waiting_for(folder):
+            yield
     except (
         vizdoom.ViZDoomErrorException,
         vizdoom.ViZDoomUnexpectedExitException,
