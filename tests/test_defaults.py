@@ -74,7 +74,7 @@ RULES = (
 )
 #: The words with which a row begins.
 KINDS = (
-    *("paper", "other work", "measured", "test maze"),
+    *("paper", "other work", "measured", "told", "test maze"),
     *("limit", "not compared", "no effect"),
 )
 #: Sizes of pieces of work, and what arithmetic, files or the room for them need.
@@ -314,6 +314,11 @@ def test_rows_say_where_their_values_come_from(heading: str) -> None:
         # Others decided where a test maze was only looked at.
         is_chosen_there = bool(re.match(r"maze[123](?!.*looked at)", mazes))
         assert is_chosen_there == origin.startswith("test maze"), row
+
+
+def test_the_words_with_which_rows_begin_are_explained() -> None:
+    section = TEXT.split("\n| word | what it means |\n")[1].split("\n\n")[0]
+    assert re.findall(r"(?m)^\| \*(.+?)\* \|", section) == [*KINDS]
 
 
 def test_what_was_chosen_on_a_test_maze_is_said_first() -> None:
