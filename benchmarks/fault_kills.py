@@ -102,7 +102,11 @@ def judge(
         place.end()
     status, said = process.wait(), place.said("first")
     last = (said.strip().splitlines() or [""])[-1]
-    sentence = last.startswith((f"{name.split()[0]}: ", "stopped; "))
+    recipe = name.split()[0]
+    sentence = last.startswith("stopped; ") or last == f"{recipe}: stopped by Ctrl-C"
+    # One that lost a process says which; a signal to the run itself is no other fault.
+    if target.split()[0] in {"worker", "engine"}:
+        sentence = sentence or last.startswith(f"{recipe}: ")
     silent = status not in (0, -signal.SIGKILL) and not sentence
     # SIGTERM is not answered where there is nothing to save yet.
     if silent and status == 128 + signal.SIGTERM and "SIGTERM" in target:
