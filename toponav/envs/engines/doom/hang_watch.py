@@ -1,8 +1,9 @@
 """Engines that hang are ended, so that the call that waits for one comes back.
 
-A process that was stopped from outside, or waits without end, answers no call, and no call
-of ViZDoom has a time limit. A thread looks now and then at the engines that are waited
-for; one that took no processor time for long is killed, which ViZDoom notices at once.
+A process that was stopped from outside, or waits without end, answers no call, and no
+call of ViZDoom has a time limit. A thread looks now and then at the engines that are
+waited for; one that took no processor time for long is killed, which ViZDoom notices at
+once.
 """
 
 import threading
