@@ -4,9 +4,10 @@
 
 Every case is made from its own number, so that one that fails can be run alone
 (``--only 17``). A third are layouts, a third command lines of the recipes, a third
-damaged maps, networks, checkpoints and run folders. Recipes that start from finished
-runs get such, so that what is drawn decides. Each runs in a child process with
-a limit of time and memory, up to where engines would start, and ends in one of these:
+damaged files: maps and what lies beside them, networks, policies, practices,
+checkpoints and run folders. Recipes that start from finished runs get such, so that
+what is drawn decides. Each runs in a child process with a limit of time and memory, up
+to where engines would start, and ends in one of these:
 
 * ``refused``: one sentence, and nothing is left; of a sweep (``-m``) with several
   jobs, which go on after one that is refused, one sentence each and a last line that

@@ -190,9 +190,10 @@ def test_a_map_by_poses_and_its_places_are_made_there(
         through_the_ring(config, growth, env=env)
     many = growth.map.num_waypoints
     growth.finish(tmp_path)
-    number = growth.map.num_waypoints
+    number, size = growth.map.embeddings.shape
     assert 1 < number < many
-    assert load_places(tmp_path / PLACES_FILE, num_places=number, setting="run")
+    sizes = {"num_places": number, "embedding_size": size}
+    assert load_places(tmp_path / PLACES_FILE, **sizes, setting="run")
 
 
 def test_the_truth_about_waypoints_stays_small_there(device: str) -> None:

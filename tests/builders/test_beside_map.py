@@ -106,7 +106,7 @@ def check(folder: Path) -> int:
     path = find_beside(folder, PLACES_FILE, about)
     assert (path is None) == (turn % 2 == 0)
     if path is not None:
-        load_places(path, num_places=turn, setting="run")
+        load_places(path, num_places=turn, embedding_size=2, setting="run")
     return turn
 
 

@@ -1,10 +1,12 @@
 """The file of what a practice found out about the edges of its map."""
 
+import time
 from pathlib import Path
 
 import pytest
 import torch
 
+from tests.damaged import OTHER_WEIGHTS, replace
 from toponav.builders import TRIALS_FILE, load_trials, save_trials
 from toponav.config import SettingsError
 from toponav.graph import EdgeTrials
@@ -34,3 +36,26 @@ def test_those_of_another_map_or_damaged_ones_are_refused(tmp_path: Path) -> Non
     path.unlink()
     with pytest.raises(SettingsError, match="n must name a run with edge_trials"):
         load_trials(tmp_path, EDGES, setting="n")
+
+
+@pytest.mark.parametrize("name", ["edges", "tried", "passed", "walked", "lost"])
+@pytest.mark.parametrize("kind", OTHER_WEIGHTS)
+def test_other_numbers_than_trials_are_refused(
+    tmp_path: Path, name: str, kind: str
+) -> None:
+    trials = EdgeTrials(EDGES)
+    trials.add(torch.tensor([[0, 1]]), torch.tensor([True]), torch.tensor([4]))
+    save_trials(trials, tmp_path)
+    other, said = OTHER_WEIGHTS[kind]
+    if name == "edges":
+        if kind in ("nan", "whole"):  # which they are
+            return
+        said = f"{said}|on the run's map of 2 edges, got one of another map, of "
+    said = said.replace("NaN or infinity in ", "trials must be finite numbers ")
+    said = said.replace("no plain numbers in ", f"{name} is no plain tensor")
+    replace(tmp_path / TRIALS_FILE, (name,), other)
+    started = time.process_time()
+    with pytest.raises(SettingsError, match=f"^n must name .*({said})") as caught:
+        load_trials(tmp_path, EDGES, setting="n")
+    assert "\n" not in str(caught.value)
+    assert time.process_time() - started < 1

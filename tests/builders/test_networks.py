@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import torch
 
+from tests.damaged import rewrite
 from tests.models import WORLD, tiny_model
 from toponav.builders import (
     Networks,
@@ -231,13 +232,6 @@ def test_views_that_the_encoder_cannot_read_are_refused() -> None:
     world = WorldSpec(view_size=(63, 48), actions=("left", "right"))
     with pytest.raises(SettingsError, match=r"model.encoder=small: .* must be even"):
         make_networks(tiny_model(), world)
-
-
-def rewrite(saved: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Change what a file holds; its checksums then fit."""
-    state = torch.load(saved, weights_only=True)
-    change(state)
-    torch.save(state, saved)
 
 
 @pytest.mark.parametrize(

@@ -131,3 +131,18 @@ def test_folders_and_names_are_checked(
     assert refused("navigator=trained").endswith("exploration, got none")
     with pytest.raises(SettingsError, match="must hold entries such as dqn:runs/explo"):
         navigate_settings(folder, "evaluate.trained=[dqn]")
+
+
+def test_a_policy_larger_than_its_file_takes_no_memory(
+    folder: Path, explored: Explored, tmp_path: Path
+) -> None:
+    run = train(tmp_path / "rival", "nav_a3c")
+    file = run / "config" / "config.yaml"
+    saved = OmegaConf.load(file)
+    saved.policy.hidden = 10**6  # terabytes
+    OmegaConf.save(saved, file)
+    config = navigate_settings(folder, f"evaluate.trained=[rival:{run}]")
+    rule = "^navigator.policy must name a policy saved with the same "
+    rule += r"settings, got .*policy.pt \(.* is torch.float32 .*, not .*1000000"
+    with pytest.raises(SettingsError, match=rule):
+        make_policies(config, *explored)

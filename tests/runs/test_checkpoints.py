@@ -85,6 +85,7 @@ CRAFTED: dict[str, tuple[Callable[[], dict[str, object]], str]] = {
         "entries inside each other",
     ),
     "kind": (lambda: {"kind": [torch.ones(9)] * 50_000}, "version 1, got .*with list"),
+    "two lines": (lambda: {"kind": "a\nb"}, "version 1, got .* with a b 1"),
     "gigabytes": (lambda: {"a": Gigabytes()}, "with __builtin__ bytearray, which no"),
     "no method": (lambda: {"a": Replaced()}, "got the damaged "),
 }

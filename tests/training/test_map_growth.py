@@ -456,9 +456,9 @@ def test_poses_leave_few_waypoints_at_the_end(
     # The file has the poses, and beside it is what knows its waypoints by their views.
     assert torch.equal(state["positions"], growth.map.waypoints.positions)
     assert state["positions"].isfinite().all()
-    path = tmp_path / PLACES_FILE
-    networks = load_places(path, num_places=number, setting="run")
-    embeddings = growth.map.embeddings
+    path, embeddings = tmp_path / PLACES_FILE, growth.map.embeddings
+    sizes = {"num_places": number, "embedding_size": embeddings.shape[1]}
+    networks = load_places(path, **sizes, setting="run")
     with torch.no_grad():
         found = networks.places(embeddings).argmax(1)
         offsets = networks.offsets(embeddings)

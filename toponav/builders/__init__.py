@@ -27,6 +27,7 @@ from toponav.builders.edge_trials import (
     save_trials as save_trials,
 )
 from toponav.builders.kept_layout import keep_layout as keep_layout
+from toponav.builders.map_poses import load_poses as load_poses
 from toponav.builders.maps import (
     action_effects as action_effects,
     make_map as make_map,
@@ -70,6 +71,7 @@ from toponav.builders.places import (
     save_places as save_places,
 )
 from toponav.builders.policies import (
+    load_new_policy as load_new_policy,
     load_policy as load_policy,
     save_policy as save_policy,
 )

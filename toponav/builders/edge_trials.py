@@ -7,7 +7,12 @@ from torch import Tensor
 
 from toponav.config import require
 from toponav.graph import EdgeTrials
-from toponav.runs import reading_checkpoint, save_atomically
+from toponav.runs import (
+    reading_checkpoint,
+    require_like,
+    require_plain,
+    save_atomically,
+)
 
 #: The file in a run folder that holds them.
 TRIALS_FILE = "edge_trials.pt"
@@ -27,10 +32,13 @@ def load_trials(folder: Path, edges: Tensor, *, setting: str) -> EdgeTrials:
             another map.
     """
     trials = EdgeTrials(edges)
-    path = folder / TRIALS_FILE
+    path, own = folder / TRIALS_FILE, trials.state_dict()
     with reading_checkpoint(path, setting, _HEADER, "edge trials") as state:
+        found = {name: state[name] for name in own}
+        require_plain(found)
         rule = f"{setting} must name a practice on the run's map of {len(edges)} edges"
-        given = f"one of another map, of {len(state['edges'])}"
-        require(torch.equal(state["edges"], trials.edges), rule, given)
-        trials.load_state_dict(state)
+        given = f"one of another map, of {len(found['edges'])}"
+        require(torch.equal(found["edges"], trials.edges), rule, given)
+        require_like(found, own)
+        trials.load_state_dict(found)
     return trials

@@ -14,6 +14,7 @@ from torchrl.envs.transforms import Compose
 from toponav.builders.beside_map import MAP_FILE, POSES_FILE, find_beside
 from toponav.builders.collection import collect_rollout
 from toponav.builders.kept_layout import edited, kept_layout, layout_text
+from toponav.builders.map_poses import load_poses
 from toponav.builders.maps import empty_map
 from toponav.builders.mazes import engine_world, make_env, make_layout
 from toponav.builders.networks import NETWORKS_FILE, Networks, load_networks
@@ -89,7 +90,8 @@ def load_exploration(
         require((folder / name).is_file(), rule, f"'{folder}' without {name}")
     networks = load_networks(folder, setting="run", world=world)
     topological_map, about = _load_map(folder, networks)
-    poses = _load_poses(folder, topological_map.num_waypoints, about)
+    number = topological_map.num_waypoints
+    poses = load_poses(folder, about, num_waypoints=number, setting="run")
     distances = GroundTruthDistances(
         torch.as_tensor(layout.open_mask),
         cell_size=require_motion(world).cell_size,
@@ -104,7 +106,7 @@ def load_exploration(
             "(was its layout changed?)"
         ) from error
     truth = GroundTruth(poses, layout, distances)
-    map_networks = _load_places(folder, topological_map.num_waypoints, about)
+    map_networks = _load_places(folder, topological_map, about)
     return AgentKnowledge(world, networks, topological_map, map_networks), truth
 
 
@@ -154,30 +156,12 @@ def _load_map(
 
 
 def _load_places(
-    folder: Path, num_places: int, about: Mapping[str, str]
+    folder: Path, known: TopologicalMap, about: Mapping[str, str]
 ) -> MapNetworks | None:
     if (path := find_beside(folder, PLACES_FILE, about)) is None:
         return None
-    return load_places(path, num_places=num_places, setting="run")
-
-
-def _load_poses(folder: Path, num_waypoints: int, about: Mapping[str, str]) -> Tensor:
-    path = find_beside(folder, POSES_FILE, about)
-    rule = f"run must name an exploration whose {POSES_FILE} belongs to its {MAP_FILE}"
-    require(path is not None, rule, f"that of another map in '{folder}'")
-    assert path is not None
-    try:
-        with path.open("rb") as file:
-            poses = np.lib.format.read_array(file, allow_pickle=False)
-        if poses.dtype.kind not in "fiu" or not np.isfinite(poses).all():
-            raise ValueError("it holds other than finite numbers")
-    except (ValueError, OSError, EOFError) as bad:
-        rule = f"run must name a complete file, got the damaged {path}"
-        raise SettingsError(f"{rule} ({str(bad).splitlines()[0]})") from bad
-    rule = f"run must name an exploration whose {POSES_FILE} has a row of three for "
-    rule += f"each of {num_waypoints} waypoints"
-    require(poses.shape == (num_waypoints, 3), rule, poses.shape)
-    return torch.from_numpy(poses).float()
+    number, size = known.embeddings.shape
+    return load_places(path, num_places=number, embedding_size=size, setting="run")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,12 @@ from toponav.modules import (
     SmallEncoder,
     TCNetwork,
 )
-from toponav.runs import is_plain, reading_checkpoint, save_atomically
+from toponav.runs import (
+    reading_checkpoint,
+    require_like,
+    require_plain,
+    save_atomically,
+)
 from toponav.worlds import WorldSpec
 
 #: The file in a run folder that holds the networks.
@@ -190,8 +195,7 @@ def load_networks(
         height, width = state.get("view_size", default.view_size)
         num_actions = int(state.get("num_actions", default.num_actions))
         weights = state["weights"]
-        if odd := [name for name, one in weights.items() if not is_plain(one)]:
-            raise ValueError(f"{odd[0]} is no plain tensor")
+        require_plain(weights)
         # A damaged number may be more than can be counted to.
         most = max(len(one) for one in weights.values() if one.ndim)
         if num_actions > most:
@@ -242,15 +246,8 @@ def _require_weights(
     # There, tensors have shapes and no content.
     with torch.device("meta"):
         fresh = make_networks(config, world, device="meta").modules.state_dict()
-    if other := fresh.keys() ^ weights.keys():
-        raise ValueError(f"{min(other)} is there or is missing")
-    for name, like in fresh.items():
-        found = weights[name]
-        # The package's own are rounded, see `save_networks`.
-        rounded = like.is_floating_point() and found.dtype is torch.half
-        if found.shape != like.shape or not (rounded or found.dtype is like.dtype):
-            what = f"{found.dtype} {list(found.shape)}, not {list(like.shape)}"
-            raise ValueError(f"{name} is {what}")
+    # The package's own are rounded, see `save_networks`.
+    require_like(weights, fresh, rounded=True)
 
 
 def _read_thresholds(

@@ -1,21 +1,32 @@
 """The file of what views say on one map: `MapNetworks`."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
-
-from torch import nn
+from typing import Any
 
 from toponav.config import require
+from toponav.graph.poses import BEARINGS, DISTANCES
 from toponav.modules import GroundNetwork, OffsetNetwork, PlaceNetwork
-from toponav.runs import reading_checkpoint, save_atomically
+from toponav.runs import (
+    load_weights,
+    read_counts,
+    reading_checkpoint,
+    save_atomically,
+)
 
 #: The file in a run folder that holds them.
 PLACES_FILE = "places.pt"
 _HEADER = {"kind": "toponav places", "version": 1}
 _PLACE_SIZES = ("num_places", "embedding_size", "hidden")
 _GROUND_SIZES = ("embedding_size", "num_bearings", "num_distances", "hidden")
-_Module = TypeVar("_Module", bound=nn.Module)
+#: What each of these sizes counts.
+_KNOWN = {
+    "num_places": "the {} waypoints of its map",
+    "embedding_size": "embeddings of {} numbers, as those of its map",
+    "num_bearings": "ground at {} bearings",
+    "num_distances": "ground at {} distances",
+}
 
 
 @dataclass(frozen=True)
@@ -43,33 +54,38 @@ def save_places(networks: MapNetworks, path: Path) -> None:
     save_atomically(found, path)
 
 
-def load_places(path: Path, *, num_places: int, setting: str) -> MapNetworks:
-    """Read what `save_places` wrote.
+def load_places(
+    path: Path, *, num_places: int, embedding_size: int, setting: str
+) -> MapNetworks:
+    """Read what `save_places` wrote for a map's waypoints and their embeddings.
 
     An earlier version wrote no `OffsetNetwork`, and one before it no `GroundNetwork`.
 
     Raises:
-        SettingsError: if the file that ``setting`` named is not usable, or knows
-            another number of waypoints.
+        SettingsError: if the file that ``setting`` named is not usable, or is of
+            another map: it has other weights than such networks, or knows another
+            number of waypoints, embeddings of another size or other ground.
     """
+    wanted = {"num_places": num_places, "embedding_size": embedding_size}
+    wanted |= {"num_bearings": len(BEARINGS), "num_distances": len(DISTANCES)}
+    rule = f"{setting} must name a run whose {path.name} knows"
+
+    def sizes(found: dict[str, Any], names: tuple[str, ...]) -> dict[str, int]:
+        counts = read_counts(found, names)
+        for name, known in _KNOWN.items():
+            if name in counts:
+                must = f"{rule} {known.format(wanted[name])}"
+                require(counts[name] == wanted[name], must, counts[name])
+        return counts
+
+    offsets, ground = None, None
     with reading_checkpoint(path, setting, _HEADER, "places") as state:
-        given, *other = (int(state[name]) for name in _PLACE_SIZES)
-        rule = f"{setting} must name a run whose {path.name} knows the {num_places} "
-        require(given == num_places, f"{rule}waypoints of its map", given)
-        places = PlaceNetwork(given, other[0], hidden=other[1])
-        places.load_state_dict(state["weights"])
-        return MapNetworks(
-            places.eval(),
-            _load(state, "offsets", OffsetNetwork, _PLACE_SIZES),
-            _load(state, "ground", GroundNetwork, _GROUND_SIZES),
-        )
-
-
-def _load(
-    state: dict[str, Any], name: str, kind: type[_Module], sizes: tuple[str, ...]
-) -> _Module | None:
-    if name not in state:
-        return None
-    network = kind(**{size: int(state[f"{name}_sizes"][size]) for size in sizes})
-    network.load_state_dict(state[name])
-    return network.eval()
+        make = partial(PlaceNetwork, **sizes(state, _PLACE_SIZES))
+        places = load_weights(make, state["weights"])
+        if "offsets" in state:
+            own = sizes(state["offsets_sizes"], _PLACE_SIZES)
+            offsets = load_weights(partial(OffsetNetwork, **own), state["offsets"])
+        if "ground" in state:
+            own = sizes(state["ground_sizes"], _GROUND_SIZES)
+            ground = load_weights(partial(GroundNetwork, **own), state["ground"])
+    return MapNetworks(places, offsets, ground)

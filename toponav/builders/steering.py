@@ -1,11 +1,19 @@
 """The file of a `SteeringNetwork`, in the folder of a practice."""
 
+from functools import partial
 from pathlib import Path
+
+import torch
 
 from toponav.config import require
 from toponav.graph import SteeringSenses
 from toponav.modules import SteeringNetwork
-from toponav.runs import reading_checkpoint, save_atomically
+from toponav.runs import (
+    load_weights,
+    read_counts,
+    reading_checkpoint,
+    save_atomically,
+)
 
 #: The file in a run folder that holds it.
 CONTROLLER_FILE = "controller.pt"
@@ -35,12 +43,12 @@ def load_controller(
             embeddings or actions.
     """
     path = folder / CONTROLLER_FILE
+    make = partial(make_controller, embedding_size, num_actions)
+    with torch.device("meta"):
+        sizes = make().sizes
+    rule = f"{setting} must name a practice with networks and actions as the run's, "
+    rule += f"{sizes}"
     with reading_checkpoint(path, setting, _HEADER, "a controller") as state:
-        network = make_controller(embedding_size, num_actions)
-        rule = (
-            f"{setting} must name a practice with networks and actions as the run's, "
-        )
-        rule += f"{network.sizes}"
-        require(state["sizes"] == network.sizes, rule, state["sizes"])
-        network.load_state_dict(state["weights"])
-    return network.eval()
+        given = read_counts(state["sizes"], sizes)
+        require(given == sizes, rule, given)
+        return load_weights(make, state["weights"])

@@ -9,9 +9,9 @@ from toponav.runs.files import (
     CHECKPOINT_FILE as CHECKPOINT_FILE,
     Figures as Figures,
     alone_with as alone_with,
-    is_plain as is_plain,
     make_loggers as make_loggers,
     reading_checkpoint as reading_checkpoint,
+    reason_of as reason_of,
     remove_halves as remove_halves,
     remove_halves_of as remove_halves_of,
     replacing as replacing,
@@ -47,4 +47,10 @@ from toponav.runs.run_folders import (
     read_pretraining as read_pretraining,
     read_table as read_table,
     swept_settings as swept_settings,
+)
+from toponav.runs.weights import (
+    load_weights as load_weights,
+    read_counts as read_counts,
+    require_like as require_like,
+    require_plain as require_plain,
 )

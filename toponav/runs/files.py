@@ -20,16 +20,14 @@ import pandas as pd
 import torch
 from numpy.typing import ArrayLike
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
-from torch import Tensor
 from torchrl.record.loggers import CSVLogger, Logger, TensorboardLogger
 
 from toponav.config import SettingsError, require
 from toponav.runs.locks import locked
+from toponav.runs.weights import not_finite
 
 #: The file in a run folder from which a run is resumed.
 CHECKPOINT_FILE = "checkpoint.pt"
-# Under these keys a checkpoint holds weights and what trains them.
-_TRAINED = {"weights", "policy", "optimizer", "head", "reward"}
 # What `save_atomically` writes names these alone, and earlier versions the last two.
 _NAMES = re.compile(
     r"collections OrderedDict|torch\._utils _rebuild_tensor_v2|torch [A-Z]\w+Storage"
@@ -131,17 +129,17 @@ def reading_checkpoint(
         room = _require_own(path)
         found = torch.load(path, map_location="cpu", weights_only=True)
         _require_tree(found, room)
-        wrong = next(_not_finite(found), None)
+        wrong = next(not_finite(found), None)
     except Exception as bad:  # damage can make any of the readers fail in any way
         raise SettingsError(
             f"{setting} must name a complete file, got the damaged "
-            f"{path} ({_reason(bad)})"
+            f"{path} ({reason_of(bad)})"
         ) from bad
     rule, given = f"{setting} must name a file of this package", type(found).__name__
     require(type(found) is dict, rule, f"{path} with a {given}")
     rule = f"{setting} must name {noun} of version {header['version']}"
     words = [_word(found.get(key, "")) for key in header]
-    given = " ".join(words).strip()[:80] or "something else"
+    given = " ".join(" ".join(words).split())[:80] or "something else"
     require(words == list(map(str, header.values())), rule, f"{path} with {given}")
     rule = f"{setting} must name {noun} whose weights are all finite numbers"
     require(wrong is None, rule, f"{path} with {wrong}")
@@ -152,7 +150,7 @@ def reading_checkpoint(
     except Exception as bad:  # whatever does not fit
         raise SettingsError(
             f"{setting} must name {noun} saved with the same settings, got {path} "
-            f"({_reason(bad)})"
+            f"({reason_of(bad)})"
         ) from bad
 
 
@@ -216,46 +214,16 @@ def _word(value: object) -> str:
     return str(value) if plain else type(value).__name__
 
 
-def _reason(error: Exception) -> str:
-    """The beginning of what an error says."""
+def reason_of(error: Exception) -> str:
+    r"""The beginning of what an error says, in one line.
+
+    Examples:
+        >>> reason_of(ValueError("no header\nbut this"))
+        'no header'
+    """
     if isinstance(error, KeyError):
         return f"without {error}"[:80]
     return (str(error).strip() or "empty").splitlines()[0][:80]
-
-
-def _not_finite(
-    entries: Any, name: str = "", *, trained: bool = False
-) -> Iterator[str]:
-    """What is wrong with tensors of networks and optimisers, and with which."""
-    if isinstance(entries, Mapping):
-        for key, value in entries.items():
-            yield from _not_finite(
-                value, str(key), trained=trained or str(key) in _TRAINED
-            )
-    elif trained and isinstance(entries, Tensor):
-        if not is_plain(entries):
-            yield f"no plain numbers in {name}"
-        elif not entries.isfinite().all():
-            yield f"NaN or infinity in {name}"
-
-
-def is_plain(found: object) -> bool:
-    """Whether a tensor has a real number in memory for each of its entries.
-
-    Those that are sparse, complex, quantised, on a device without memory, or of one
-    number that is repeated can be written, and no network can be filled with them.
-
-    Examples:
-        >>> is_plain(torch.zeros(3)), is_plain(torch.zeros(3).to_sparse())
-        (True, False)
-        >>> is_plain(torch.zeros(1).expand(3))
-        False
-    """
-    if not isinstance(found, Tensor) or found.layout is not torch.strided:
-        return False
-    if found.device.type == "meta" or found.is_complex() or found.is_quantized:
-        return False
-    return found.nbytes <= found.untyped_storage().nbytes()
 
 
 def make_loggers(folder: Path, last_step: int) -> list[Logger]:

@@ -111,8 +111,31 @@ def test_counts_of_other_edges_or_that_do_not_fit_are_refused() -> None:
     state = trials.state_dict()
     with pytest.raises(ValueError, match="edges must be the map's own 3, got other 4"):
         EdgeTrials(LINE[:3]).load_state_dict(state)
-    with pytest.raises(ValueError, match="must be at least 0 and as many as pass"):
+    with pytest.raises(ValueError, match="as many as passed, or more, got 0 of 1"):
         trials.load_state_dict({**state, "passed": state["passed"] + 1})
+
+
+@pytest.mark.parametrize("name", ["tried", "passed", "walked", "lost"])
+@pytest.mark.parametrize("bad", [-1.0, float("nan"), float("inf")])
+def test_counts_that_are_no_numbers_are_refused(name: str, bad: float) -> None:
+    trials = EdgeTrials(LINE)
+    state = {key: one + 1 for key, one in trials.state_dict().items()}
+    state["edges"] = LINE
+    trials.load_state_dict(state)
+    state[name][1, 0] = bad
+    rule = f"trials must be finite numbers of 0 or more, got {bad:g} in {name}"
+    with pytest.raises(ValueError, match=rule):
+        trials.load_state_dict(state)
+
+
+def test_passes_that_took_no_time_are_refused() -> None:
+    trials = EdgeTrials(LINE)
+    add(trials, (0, 1, True, 3))
+    state = trials.state_dict()
+    # Else a decision would make nothing, and every cost would be infinite.
+    state["walked"] = torch.zeros_like(state["walked"])
+    with pytest.raises(ValueError, match="must have taken decisions, got 1 in none"):
+        EdgeTrials(LINE).load_state_dict(state)
 
 
 @pytest.fixture

@@ -134,11 +134,23 @@ class EdgeTrials:
         if not torch.equal(state["edges"], self.edges):
             given, own = len(state["edges"]), len(self.edges)
             raise ValueError(f"edges must be the map's own {own}, got other {given}")
-        found = [state[name].float() for name in ("tried", "passed", "walked", "lost")]
-        fits = all(one.shape == self.tried.shape and (one >= 0).all() for one in found)
-        if not fits or (found[1] > found[0]).any():
-            raise ValueError("trials must be at least 0 and as many as pass or more")
-        self.tried, self.passed, self.walked, self.lost = (one.clone() for one in found)
+        found = {name: state[name] for name in ("tried", "passed", "walked", "lost")}
+        for name, one in found.items():
+            if one.shape != self.tried.shape:
+                rule = f"trials must be {list(self.tried.shape)} numbers"
+                raise ValueError(f"{rule}, got {list(one.shape)} in {name}")
+            if len(bad := one[~(one.isfinite() & (one >= 0))]):
+                rule = "trials must be finite numbers of 0 or more"
+                raise ValueError(f"{rule}, got {bad[0]:g} in {name}")
+        tried, passed, walked, lost = (one.float().clone() for one in found.values())
+        if len(more := (passed > tried).nonzero()):
+            at = tuple(more[0])
+            rule = "trials must be as many as passed, or more"
+            raise ValueError(f"{rule}, got {tried[at]:g} of {passed[at]:g}")
+        if len(fast := passed[(passed > 0) & (walked == 0)]):
+            rule = "trials that passed must have taken decisions"
+            raise ValueError(f"{rule}, got {fast[0]:g} in none")
+        self.tried, self.passed, self.walked, self.lost = tried, passed, walked, lost
 
     def num_unconfirmed(self, path: Sequence[int]) -> int:
         """Edges of a path of waypoints that nobody has passed in that direction."""

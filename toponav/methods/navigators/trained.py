@@ -5,13 +5,14 @@ It knows nothing of the goal but the reward for it: the rivals of Tables 8 and 9
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import partial
 
 from omegaconf import MISSING
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.transforms import Transform
 
-from toponav.builders import load_policy, make_layout, require_same_maze
+from toponav.builders import load_new_policy, make_layout, require_same_maze
 from toponav.config import ExploreConfig, NavigateConfig, NavigatorConfig, require
 from toponav.keys import ACTION, REWARD
 from toponav.methods.explored import read_explored
@@ -96,9 +97,9 @@ def make_trained(
     require(explored.engine == engine, rule, f"'{folder}' with {explored.engine}")
     require_same_maze(folder, settings.maze, make_layout(settings.maze))
     world = make_world(explored)
-    policy = LEARNERS[explored.loss.name].make_policy(explored, world)
-    load_policy(folder, policy, setting=name)
-    return TrainedPolicy(policy.eval(), explored, world.spec)
+    make = partial(LEARNERS[explored.loss.name].make_policy, explored, world)
+    policy = load_new_policy(folder, make, setting=name)
+    return TrainedPolicy(policy, explored, world.spec)
 
 
 TRAINED = NavigatorMethod(schema=TrainedConfig, needs=("settings",), make=make_trained)
