@@ -39,9 +39,9 @@ def start() -> Engine:
 
 
 def look_often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """End engines that do nothing for a second, by a watch of its own."""
+    """End engines that do nothing for two seconds, by a watch of its own."""
     monkeypatch.setattr(hang_watch, "_LOOK_S", 0.2)
-    monkeypatch.setattr(hang_watch, "_LOOKS", 5)
+    monkeypatch.setattr(hang_watch, "_LOOKS", 10)
     monkeypatch.setattr(hang_watch, "_thread", None)
 
 
@@ -185,7 +185,7 @@ class TestLosses:
             engine.new_episode()
             # One that hangs while nobody waits for it is not ended, but closed it is.
             os.kill(engine.pid, signal.SIGSTOP)
-            time.sleep(1.5)
+            time.sleep(2.5)
             os.kill(pid := engine.pid, signal.SIGCONT)
             engine.act([0, 0, 0])
             os.kill(pid, signal.SIGSTOP)
@@ -197,12 +197,15 @@ class TestLosses:
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         look_often(monkeypatch)
-        engine, began = start(), time.monotonic()
+        engine = start()
         try:
             engine.new_episode()
-            while time.monotonic() < began + 2:
-                engine.act([0, 0, 0], tics=5_000)
-            assert time.monotonic() < began + 60
+            began = time.monotonic()
+            engine.act([0, 0, 0], tics=2_000)
+            took = time.monotonic() - began
+            # One call of five seconds.
+            engine.act([0, 0, 0], tics=round(2_000 * 5 / took))
+            assert time.monotonic() - began > 3
         finally:
             engine.close()
 
