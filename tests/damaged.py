@@ -1,10 +1,15 @@
 """What may stand in a file of networks in the place of weights, or of their sizes."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 import torch
+
+from toponav.config import SettingsError
 
 #: Other weights, and what is said of them beside their name.
 OTHER_WEIGHTS: dict[str, tuple[Callable[[torch.Tensor], object], str]] = {
@@ -47,3 +52,14 @@ def replace(path: Path, names: tuple[str, ...], other: object) -> None:
         state[last] = other(state[last]) if callable(other) else other
 
     rewrite(path, change)
+
+
+@contextmanager
+def refusing(rule: str) -> Iterator[None]:
+    """The block is refused at once, in one short sentence that begins like this."""
+    started = time.process_time()
+    with pytest.raises(SettingsError, match=f"^{rule}") as caught:
+        yield
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+    assert time.process_time() - started < 1

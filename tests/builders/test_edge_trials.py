@@ -1,12 +1,11 @@
 """The file of what a practice found out about the edges of its map."""
 
-import time
 from pathlib import Path
 
 import pytest
 import torch
 
-from tests.damaged import OTHER_WEIGHTS, replace
+from tests.damaged import OTHER_WEIGHTS, refusing, replace
 from toponav.builders import TRIALS_FILE, load_trials, save_trials
 from toponav.config import SettingsError
 from toponav.graph import EdgeTrials
@@ -54,8 +53,5 @@ def test_other_numbers_than_trials_are_refused(
     said = said.replace("NaN or infinity in ", "trials must be finite numbers ")
     said = said.replace("no plain numbers in ", f"{name} is no plain tensor")
     replace(tmp_path / TRIALS_FILE, (name,), other)
-    started = time.process_time()
-    with pytest.raises(SettingsError, match=f"^n must name .*({said})") as caught:
+    with refusing(f"n must name .*({said})"):
         load_trials(tmp_path, EDGES, setting="n")
-    assert "\n" not in str(caught.value)
-    assert time.process_time() - started < 1

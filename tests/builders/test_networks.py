@@ -1,6 +1,4 @@
 import pickle
-import resource
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from tests.damaged import rewrite
+from tests.damaged import refusing, rewrite
 from tests.models import WORLD, tiny_model
 from toponav.builders import (
     Networks,
@@ -222,10 +220,8 @@ def test_a_damaged_number_is_not_counted_to(saved: Path, name: str) -> None:
     # Names for so many actions fill the memory before they are compared.
     state[name] = {"num_actions": 10**8, "view_size": [10**30, 160]}[name]
     torch.save(state, saved)
-    started = time.process_time()
-    with pytest.raises(SettingsError, match="networks must name networks "):
+    with refusing("networks must name networks "):
         load_networks(saved)
-    assert time.process_time() - started < 1
 
 
 def test_views_that_the_encoder_cannot_read_are_refused() -> None:
@@ -271,11 +267,8 @@ def test_settings_that_take_long_to_print_are_refused(saved: Path, place: str) -
             state[place][part] = value
 
     rewrite(saved, change)
-    started = time.process_time()
-    with pytest.raises(SettingsError, match=r"^networks must name networks ") as caught:
+    with refusing("networks must name networks "):
         load_networks(saved, world=WORLD)
-    assert time.process_time() - started < 1
-    assert len(str(caught.value)) < 500
 
 
 #: What stands in the place of the first weights.
@@ -305,18 +298,19 @@ def test_weights_of_another_kind_are_refused(saved: Path, kind: str) -> None:
         load_networks(saved)
 
 
-@pytest.mark.parametrize("hidden", [[40_000, 40_000], [1] * 100_000])
-def test_a_model_larger_than_its_weights_takes_no_memory(
-    saved: Path, hidden: list[int]
+@pytest.mark.parametrize(
+    ("hidden", "reason"),
+    [
+        ([40_000, 40_000], "tc.comparator.rest.3.bias is there or is missing"),
+        ([1] * 100_000, "62 weights for 100001 hidden layers"),
+    ],
+)
+def test_a_model_larger_than_its_weights_is_never_made(
+    saved: Path, hidden: list[int], reason: str
 ) -> None:
     rewrite(saved, lambda state: state["model"].update(comparator_hidden=hidden))
-    started = time.process_time()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(SettingsError, match=r"^networks must name networks saved with"):
+    with refusing(f"networks must name networks saved with .*{reason}"):
         load_networks(saved)
-    assert time.process_time() - started < 1
-    # Kilobytes; the layers would take gigabytes.
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 500_000
 
 
 def test_rounded_weights_are_weights(tmp_path: Path) -> None:

@@ -1,12 +1,11 @@
 """The file of what views say on one map."""
 
-import time
 from pathlib import Path
 
 import pytest
 import torch
 
-from tests.damaged import OTHER_SIZES, OTHER_WEIGHTS, replace
+from tests.damaged import OTHER_SIZES, OTHER_WEIGHTS, refusing, replace
 from toponav.builders import PLACES_FILE, MapNetworks, load_places, save_places
 from toponav.config import SettingsError
 from toponav.graph.poses import BEARINGS, DISTANCES
@@ -42,12 +41,8 @@ def load(path: Path, number: int = 5, size: int = 8) -> MapNetworks:
 
 
 def refused(path: Path, rule: str) -> None:
-    started = time.process_time()
-    with pytest.raises(SettingsError, match=f"^run must name {rule}") as caught:
+    with refusing(f"run must name {rule}"):
         load(path)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 500
-    assert time.process_time() - started < 1
 
 
 def test_it_loads_as_it_was(places, tmp_path: Path) -> None:

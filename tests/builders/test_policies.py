@@ -1,13 +1,12 @@
 """The file of an explorer's policy."""
 
-import time
 from pathlib import Path
 
 import pytest
 import torch
 from torch import nn
 
-from tests.damaged import OTHER_WEIGHTS, replace
+from tests.damaged import OTHER_WEIGHTS, refusing, replace
 from toponav.builders import load_new_policy, load_policy, save_policy
 from toponav.config import SettingsError
 
@@ -35,12 +34,8 @@ def test_other_weights_are_refused(saved: Path, kind: str) -> None:
     replace(saved, ("weights", "weight"), other)
     policy = nn.Linear(4, 3)
     before = policy.weight.clone()
-    started = time.process_time()
-    rule = f"^init_policy must name a policy .*policy.pt .*{said}"
-    with pytest.raises(SettingsError, match=rule) as caught:
+    with refusing(f"init_policy must name a policy .*policy.pt .*{said}"):
         load_policy(saved, policy)
-    assert time.process_time() - started < 1
-    assert "\n" not in str(caught.value)
     assert torch.equal(policy.weight, before)
 
 

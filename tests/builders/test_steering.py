@@ -1,13 +1,12 @@
 """The file of what a practice has learned about steering."""
 
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-from tests.damaged import OTHER_SIZES, OTHER_WEIGHTS, replace
+from tests.damaged import OTHER_SIZES, OTHER_WEIGHTS, refusing, replace
 from toponav.builders import load_controller, make_controller, save_controller
 from toponav.builders.steering import CONTROLLER_FILE
 from toponav.config import SettingsError
@@ -27,12 +26,8 @@ def load(path: Path, size: int = 8) -> SteeringNetwork:
 
 
 def refused(path: Path, rule: str) -> None:
-    started = time.process_time()
-    with pytest.raises(SettingsError, match=f"^n must name a {rule}") as caught:
+    with refusing(f"n must name a {rule}"):
         load(path)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 500
-    assert time.process_time() - started < 1
 
 
 def test_it_loads_as_it_was(saved: Path) -> None:

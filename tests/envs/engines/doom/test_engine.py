@@ -146,12 +146,16 @@ print(most, count >= 4)
 
 
 class TestLosses:
-    def test_a_killed_engine_is_lost_and_starts_again(self) -> None:
+    @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+    def test_one_that_is_killed_or_hangs_is_lost_and_starts_again(
+        self, monkeypatch: pytest.MonkeyPatch, number: int
+    ) -> None:
+        look_often(monkeypatch)
         engine = start()
         try:
             engine.new_episode()
             pid = engine.pid
-            os.kill(pid, signal.SIGKILL)
+            os.kill(pid, number)
             with pytest.raises(EngineLostError, match="the engine died"):
                 engine.act([0, 0, 0])
             # Whatever is asked of it, it says the same.
@@ -171,23 +175,16 @@ class TestLosses:
         finally:
             engine.close()
 
-    def test_an_engine_that_hangs_is_lost_and_starts_again(
+    def test_one_that_hangs_unasked_is_left_alone_until_it_is_closed(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         look_often(monkeypatch)
         engine = start()
         try:
-            engine.new_episode()
-            os.kill(engine.pid, signal.SIGSTOP)
-            with pytest.raises(EngineLostError, match="the engine died"):
-                engine.act([0, 0, 0])
-            engine.restart()
-            engine.new_episode()
-            # One that hangs while nobody waits for it is not ended, but closed it is.
-            os.kill(engine.pid, signal.SIGSTOP)
+            os.kill(pid := engine.pid, signal.SIGSTOP)
             time.sleep(2.5)
-            os.kill(pid := engine.pid, signal.SIGCONT)
-            engine.act([0, 0, 0])
+            os.kill(pid, signal.SIGCONT)
+            engine.new_episode()
             os.kill(pid, signal.SIGSTOP)
         finally:
             engine.close()
