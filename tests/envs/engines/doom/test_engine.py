@@ -32,6 +32,13 @@ from toponav.envs.engines.doom.level.compile import compile_maze
 from toponav.envs.engines.doom.level.wad import wad_file
 
 MAZE = compile_maze(LANE)
+# A terminal sends Ctrl-C to the whole process group, and so do some schedulers SIGTERM.
+_SIGNALS = {
+    "Ctrl-C": signal.SIGINT,
+    "SIGTERM": signal.SIGTERM,
+    "Ctrl-C to the group": signal.SIGINT,
+    "SIGTERM to the group": signal.SIGTERM,
+}
 
 
 def start() -> Engine:
@@ -146,6 +153,17 @@ print(most, count >= 4)
 
 
 class TestLosses:
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_a_signal_to_the_process_group_ends_no_engine(self, number: int) -> None:
+        engine = start()
+        try:
+            engine.new_episode()
+            os.kill(engine.pid, number)
+            for _ in range(3):
+                engine.act([0, 0, 0])
+        finally:
+            engine.close()
+
     @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
     def test_one_that_is_killed_or_hangs_is_lost_and_starts_again(
         self, monkeypatch: pytest.MonkeyPatch, number: int
@@ -245,7 +263,7 @@ class TestLosses:
         with pytest.raises(EngineError, match=r"did nothing for 1\.5 s"):
             start()
 
-    @pytest.mark.parametrize("end", ["it is stopped", "Ctrl-C", "SIGTERM"])
+    @pytest.mark.parametrize("end", ["it is stopped", *_SIGNALS])
     def test_one_that_does_not_start_takes_nobody_along(
         self, tmp_path: Path, end: str
     ) -> None:
@@ -256,9 +274,9 @@ class TestLosses:
                 [sys.executable, "-c", f"{_WHILE_IT_STARTS}\nstart_and({end!r})"],
                 stdout=output,
                 stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
-        by = {"Ctrl-C": -signal.SIGINT, "SIGTERM": -signal.SIGTERM}
-        status = by.get(end, 0)
+        status = -_SIGNALS.get(end, 0)
         ended = process.wait(60)
         pid, *said = file.read_text().splitlines()
         assert ended == status, said
@@ -298,9 +316,10 @@ def start_and(end: str) -> None:
             sys.stdout.flush()
             if end == "it is stopped":
                 os.kill(pid, signal.SIGSTOP)
+            elif end.endswith("to the group"):
+                os.killpg(0, _SIGNALS[end])
             else:
-                ours = signal.SIGINT if end == "Ctrl-C" else signal.SIGTERM
-                os.kill(os.getpid(), ours)
+                os.kill(os.getpid(), _SIGNALS[end])
         return pid
 
     instances.engine_pid = act_once

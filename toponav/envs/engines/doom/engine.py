@@ -7,6 +7,7 @@ start of a running script in the same tic unless the number is negative.
 import ctypes
 import math
 import os
+import signal
 import threading
 import time
 import weakref
@@ -201,6 +202,10 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
     failures: list[Exception] = []
 
     def init() -> None:
+        # What is blocked here is blocked in the engine. Ctrl-C reaches all of a process
+        # group; an engine that it ends while it starts takes this process along, since
+        # ViZDoom then reads memory that it has not mapped yet. Who started it ends it.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         try:
             game.init()
         except Exception as error:
