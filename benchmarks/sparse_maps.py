@@ -4,9 +4,9 @@
 
 The map of a run is made sparser with each tolerance (``map.sparsify``), from the map
 as it was left each time. Beside its size and its quality stand the goals that the
-navigator reaches over it per 1,000 decisions, with 95 % bootstrap intervals; all meet
-the same episodes and the same pictures of goals. A tolerance below 0 leaves the map as
-it is.
+topological navigator reaches over it per 1,000 decisions, with 95 % bootstrap
+intervals; all meet the same episodes and the same pictures of goals. A tolerance below
+0 leaves the map as it is.
 """
 
 import argparse
@@ -44,7 +44,9 @@ CONF = Path(__file__).resolve().parent.parent / "conf"
 def make_settings(run: str, maze: str, length: int) -> NavigateConfig:
     """Those of the recipe, for episodes of so many decisions."""
     register()
-    words = [f"maze={maze}", f"run={run}", f"maze.episode_length={length}"]
+    # Maps by poses have few waypoints without it.
+    words = [f"maze={maze}", f"run={run}", "navigator=topological"]
+    words.append(f"maze.episode_length={length}")
     with initialize_config_dir(str(CONF), version_base="1.3"):
         settings = OmegaConf.to_object(compose("navigate", overrides=words))
     assert isinstance(settings, NavigateConfig)
