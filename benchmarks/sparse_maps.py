@@ -44,7 +44,7 @@ CONF = Path(__file__).resolve().parent.parent / "conf"
 def make_settings(run: str, maze: str, length: int) -> NavigateConfig:
     """Those of the recipe, for episodes of so many decisions."""
     register()
-    # Maps by poses have few waypoints without it.
+    # The default walks over maps by poses, which have few waypoints without it.
     words = [f"maze={maze}", f"run={run}", "navigator=topological"]
     words.append(f"maze.episode_length={length}")
     with initialize_config_dir(str(CONF), version_base="1.3"):

@@ -205,7 +205,8 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
         # What is blocked here is blocked in the engine. Ctrl-C reaches all of a process
         # group; an engine that it ends while it starts takes this process along, since
         # ViZDoom then reads memory that it has not mapped yet. Who started it ends it.
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+        if hasattr(signal, "pthread_sigmask"):  # Windows has no such masks
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         try:
             game.init()
         except Exception as error:
