@@ -202,11 +202,7 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
     failures: list[Exception] = []
 
     def init() -> None:
-        # What is blocked here is blocked in the engine. Ctrl-C reaches all of a process
-        # group; an engine that it ends while it starts takes this process along, since
-        # ViZDoom then reads memory that it has not mapped yet. Who started it ends it.
-        if hasattr(signal, "pthread_sigmask"):  # Windows has no such masks
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+        _keep_from_signals()
         try:
             game.init()
         except Exception as error:
@@ -239,6 +235,17 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
         )
     if failures:
         raise EngineError(f"the engine must start, got: {failures[0]}")
+
+
+def _keep_from_signals() -> None:
+    """Block Ctrl-C and SIGTERM in this thread, and so in the engine that it starts.
+
+    They may be sent to all of a process group. An engine that ends while it starts takes
+    this process along, since ViZDoom then reads memory that it has not mapped yet; so it
+    is left to the process that started it.
+    """
+    if hasattr(signal, "pthread_sigmask"):  # Windows has no masks
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
 
 
 def _configure(wad: Path, map_name: str, folder: Path) -> "vizdoom.DoomGame":
