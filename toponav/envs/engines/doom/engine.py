@@ -240,9 +240,9 @@ def _init(game: "vizdoom.DoomGame", folder: Path) -> None:
 def _keep_from_signals() -> None:
     """Block Ctrl-C and SIGTERM in this thread, and so in the engine that it starts.
 
-    They may be sent to all of a process group. An engine that ends while it starts takes
-    this process along, since ViZDoom then reads memory that it has not mapped yet; so it
-    is left to the process that started it.
+    They may be sent to all of a process group. An engine that ends while it starts
+    takes this process along, since ViZDoom then reads memory that it has not mapped
+    yet; so it is left to the process that started it.
     """
     if hasattr(signal, "pthread_sigmask"):  # Windows has no masks
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
