@@ -10,9 +10,9 @@ from omegaconf import OmegaConf
 
 from tests.forked import run_forked
 from toponav.config import SettingsError
-from toponav.launch import jobs
+from toponav.launch import folders, jobs
 from toponav.launch.folders import save_whole
-from toponav.runs import alone_in, log_uniform
+from toponav.runs import alone_in, log_uniform, write_text
 
 
 def tour(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -222,3 +222,23 @@ def test_a_run_holds_its_folder_before_anything_is_written_there(
         "config.yaml: held\nhydra.yaml: held\noverrides.yaml: held\n"
     )
     assert not list(tmp_path.rglob("*.lock"))
+
+
+@pytest.mark.slow
+def test_all_that_hydra_writes_of_a_sweep_is_whole_or_absent(tmp_path: Path) -> None:
+    written = tmp_path / "written"
+
+    def note(path: Path, text: str) -> None:
+        with written.open("a") as file:
+            file.write(f"{path.name}\n")
+        write_text(path, text)
+
+    inside = patch.object(folders, "write_text", note)
+    words = ("scale=smoke", "maze=maze1", "hydra.sweep.dir=sweep", "seed=0", "-m")
+    done = run_forked("tour", *words, cwd=tmp_path, inside=inside)
+    assert done.returncode == 0, done.stderr
+    found = {path.name for path in (tmp_path / "sweep").rglob("*.yaml")}
+    assert set(written.read_text().splitlines()) == found
+    assert "multirun.yaml" in found
+    content = OmegaConf.load(tmp_path / "sweep/multirun.yaml")
+    assert OmegaConf.select(content, "hydra.sweep.dir") == "sweep"

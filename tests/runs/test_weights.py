@@ -5,6 +5,7 @@ import torch
 from torch import nn
 
 from tests.damaged import OTHER_SIZES
+from toponav.modules.scaled_mlp import ScaledMLP
 from toponav.runs import load_weights, read_counts, require_like
 from toponav.runs.weights import not_finite
 
@@ -47,6 +48,24 @@ def test_half_will_do_where_it_is_asked_for() -> None:
     half["1.num_batches_tracked"] = torch.tensor(3.0).half()
     with pytest.raises(ValueError, match=r"_tracked is .*.float16 .*not torch.int64"):
         require_like(half, like, rounded=True)
+
+
+def test_what_inputs_are_scaled_by_is_above_zero() -> None:
+    like = make().state_dict()
+    weights = like | {"1.running_var": torch.tensor([0.5, -0.1])}
+    with pytest.raises(ValueError, match=r"^1.running_var has a number below 0$"):
+        require_like(weights, like)
+    # Where an input was always the same, batches leave a variance of zero.
+    require_like(like | {"1.running_var": torch.zeros(2)}, like)
+    scaled = ScaledMLP(2, 3, [4]).state_dict()
+    with pytest.raises(ValueError, match=r"^spread has a number below 1e-06$"):
+        require_like(scaled | {"spread": torch.tensor([1.0, 0.0])}, scaled)
+
+
+def test_numbers_are_those_of_float32() -> None:
+    # The greatest is 3.4e38.
+    found = {"optimizer": {"step": torch.tensor(1e39, dtype=torch.float64)}}
+    assert list(not_finite(found)) == ["NaN or infinity in optimizer.step"]
 
 
 @pytest.mark.parametrize("bad", [*OTHER_SIZES, 0], ids=lambda bad: str(bad)[:9])

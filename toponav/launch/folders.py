@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from hydra.core import utils
 from hydra.core.hydra_config import HydraConfig
@@ -123,6 +123,18 @@ def save_whole(cfg: Any, filename: str, output_dir: Path) -> None:
         raise
 
 
+class SavesWhole(OmegaConf):
+    """What Hydra's sweeper writes ``multirun.yaml`` by, which would do so in place."""
+
+    @staticmethod
+    def save(config: Any, f: str | Path | IO[Any], resolve: bool = False) -> None:
+        """Write settings; a sweep that is killed leaves all of the file or nothing."""
+        if isinstance(f, str | Path):
+            write_text(Path(f), OmegaConf.to_yaml(config, resolve=resolve))
+        else:
+            OmegaConf.save(config, f, resolve)
+
+
 def make_sweeper(plugins: Plugins, *, config: DictConfig, **arguments: Any) -> Any:
     """Hydra's sweeper, which leaves no folder where no job of the sweep has a run.
 
@@ -133,6 +145,10 @@ def make_sweeper(plugins: Plugins, *, config: DictConfig, **arguments: Any) -> A
     size = OmegaConf.select(config, name)
     require(size is None or size > 0, f"{name} must be null or at least 1", size)
     sweeper: Any = _hydras_sweeper(plugins, config=config, **arguments)
+    # Plugins are loaded as modules of their own, which an import does not give.
+    module = sweeper.sweep.__func__.__globals__
+    if "OmegaConf" in module:
+        module["OmegaConf"] = SavesWhole
     sweep, failed = sweeper.sweep, list[JobReturn]()
     # Optimisers among Hydra's plugins have it elsewhere, and need each result.
     launcher: Any = getattr(sweeper, "launcher", None)

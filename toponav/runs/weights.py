@@ -12,6 +12,8 @@ from torch import Tensor, nn
 
 # Under these keys files hold weights and what trains them.
 _TRAINED = {"weights", "policy", "optimizer", "head", "reward", "offsets", "ground"}
+# Of what inputs are scaled by, the least that training leaves.
+_LEAST = {"running_var": 0.0, "spread": 1e-6}
 # Far more than any network has of anything.
 _LARGEST = 2**31
 _Module = TypeVar("_Module", bound=nn.Module)
@@ -33,7 +35,8 @@ def not_finite(entries: Any, name: str = "", *, trained: bool = False) -> Iterat
     elif trained and isinstance(entries, Tensor):
         if not is_plain(entries):
             yield f"no plain numbers in {name}"
-        elif not entries.isfinite().all():
+        # In float32, which networks compute in.
+        elif not entries.float().isfinite().all():
             yield f"NaN or infinity in {name}"
 
 
@@ -92,6 +95,10 @@ def require_like(
         if (found.dtype, found.shape) != (kind, wanted.shape):
             what = f"{found.dtype} {list(found.shape)}"
             raise ValueError(f"{name} is {what}, not {kind} {list(wanted.shape)}")
+        # Inputs are divided by them, or by their root and a little more.
+        least = _LEAST.get(name.rpartition(".")[2])
+        if least is not None and not (found >= least).all():
+            raise ValueError(f"{name} has a number below {least:g}")
 
 
 def load_weights(make: Callable[[], _Module], weights: Mapping[str, Tensor]) -> _Module:
