@@ -38,6 +38,23 @@ def test_a_resumed_run_gets_its_own_command_line_and_folder(tmp_path: Path) -> N
     ]
 
 
+@pytest.mark.parametrize(
+    "word",
+    ["maze=maze2", "maze.rows=9", "++engine=dmlab", "mazes=[maze1]", "world=gym"],
+)
+def test_a_run_goes_on_in_its_world(tmp_path: Path, word: str) -> None:
+    folder = run_folder(tmp_path, "maze=maze1")
+    with pytest.raises(SettingsError) as error:
+        resumed_arguments([f"resume={folder}", word], "pretrain")
+    assert str(error.value) == (
+        "resume must go on in the world of its run, without settings of another one, "
+        f"got '{word}'"
+    )
+    # What was given then may be given again.
+    again = resumed_arguments(["maze=maze1", f"resume={folder}"], "pretrain")
+    assert again[:2] == ["maze=maze1"] * 2
+
+
 @pytest.mark.parametrize("given", ["'{}'", '"{}"', "{}"])
 def test_quotes_around_the_folder_do_not_matter(tmp_path: Path, given: str) -> None:
     folder = run_folder(tmp_path)

@@ -210,6 +210,16 @@ def test_one_that_leaves_nothing_is_told(config: ExploreConfig, tmp_path: Path) 
         )
 
 
+def test_one_that_hangs_is_ended(
+    config: ExploreConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pretraining, "_IDLE_S", 1.2)
+    script = tmp_path / "pretrain.py"
+    script.write_text("import time\ntime.sleep(120)\n")
+    with pytest.raises(TrainingError, match=r"got no processor time in 1.2 s$"):
+        prepare_networks(config, world_of(config), tmp_path, script)
+
+
 def test_a_run_that_goes_on_keeps_its_networks(tmp_path: Path) -> None:
     config = explore_settings(f"resume={tmp_path}", "pretrained=gone")
     save_networks(make_networks(config.model, WORLD), tmp_path / "networks.pt")

@@ -1,6 +1,7 @@
 """A process beside the run, and the evaluation that it plays."""
 
 import math
+import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,12 @@ from tests.training.test_collecting_on_a_device import require_here
 from toponav.builders import Learner, World, make_networks
 from toponav.config import ExploreConfig
 from toponav.methods import make_reward
-from toponav.reports import evaluate_policies, evaluating, evaluation_beside
+from toponav.reports import (
+    beside,
+    evaluate_policies,
+    evaluating,
+    evaluation_beside,
+)
 from toponav.reports.beside import Beside, BesideError
 from toponav.training import ExplorationState, Explorer, make_learner, trained_policies
 
@@ -51,6 +57,15 @@ def test_close_ends_it_and_it_ends_with_the_object() -> None:
     assert [one.returncode for one in processes] == [-15, -15]
     with pytest.raises(BesideError, match="exit status -15"):
         closed.result()
+
+
+def test_one_that_hangs_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "IDLE_S", 1.2)
+    stopped = Beside(math.sqrt, 2.0)
+    stopped.process.send_signal(signal.SIGSTOP)
+    with pytest.raises(BesideError, match=r"^no processor time in 1.2 s$"):
+        stopped.result()
+    assert stopped.process.returncode == -signal.SIGKILL
 
 
 def test_what_cannot_be_pickled_is_said_before_anything_starts(

@@ -9,9 +9,15 @@ from tests import foreign_world  # noqa: F401
 from tests.exploring import explore_settings, world_of
 from toponav.builders import make_networks
 from toponav.collectors import Mailbox, PreparedCollector
+from toponav.config import SettingsError
 from toponav.keys import EMBEDDING, NETWORK_PIXELS
 from toponav.methods import LEARNERS, make_reward
-from toponav.training import Explorer, make_worker_env, prepare_worker
+from toponav.training import (
+    Explorer,
+    make_explore_collector,
+    make_worker_env,
+    prepare_worker,
+)
 from toponav.transforms import WaypointMemory
 
 WORLD = ("world=gym", "world.id=tests.foreign_world:ForeignWorld-v0")
@@ -61,3 +67,21 @@ def test_a_new_version_embeds_the_first_views_too(rollouts: int) -> None:
     with torch.no_grad():
         expected = networks.tc.embed(batch[NETWORK_PIXELS].flatten(0, 1))
     torch.testing.assert_close(batch[EMBEDDING].flatten(0, 1), expected)
+
+
+@pytest.mark.parametrize(
+    ("given", "rule"),
+    [
+        ("collect.workers=4", "collect.workers must stay 2"),
+        ("collect.envs=6", "collect.envs must stay 4"),
+    ],
+)
+def test_episodes_go_on_where_they_were(given: str, rule: str) -> None:
+    """Of two processes with two mazes each; nothing was started when it is said."""
+    words = ("collect.mode=sync", "collect.workers=2", "collect.envs=4", given)
+    settings = explore_settings(*WORLD, *words, "reward=random")
+    episodes = [{"games": {"begun": [1, 1]}}] * 2
+    with pytest.raises(SettingsError, match=rf"^{rule} where episodes are resumed"):
+        make_explore_collector(
+            settings, world_of(settings), Mailbox({}), keep=[], episodes=episodes
+        )

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import count
@@ -37,9 +37,11 @@ from toponav.config import (
     read_yaml,
 )
 from toponav.envs import DEFAULT_ENGINE, end_stray_engines
-from toponav.runs import CHECKPOINT_FILE
+from toponav.runs import CHECKPOINT_FILE, IdleWatch
 
 _WAIT_S = 20
+# Seconds without any processor time after which a pre-training hangs.
+_IDLE_S = 600.0
 
 
 def prepare_networks(
@@ -225,8 +227,16 @@ def _run(command: list[str], lock: IO[str], environment: Mapping[str, str]) -> N
     process = subprocess.Popen(
         command, pass_fds=[lock.fileno()], env={**os.environ, **environment}
     )
+    # It watches its own processes, and ends before this if one of them hangs.
+    watch = IdleWatch(process.pid, patience_s=_IDLE_S)
     try:
-        status = process.wait()
+        while process.poll() is None and not watch.is_idle():
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(watch.look_s)
+        if process.poll() is None:
+            rule = "pre-training must go on until it ends"
+            raise TrainingError(f"{rule}, got no processor time in {_IDLE_S:g} s")
+        status = process.returncode
     except BaseException:
         process.terminate()
         try:

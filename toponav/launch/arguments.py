@@ -15,6 +15,8 @@ from toponav.refusals import leaves, settings_of
 
 #: Most bytes of the name of a sweep's folder; file systems allow 255.
 _LONGEST_NAME = 200
+#: The settings, and groups of them, that choose a world.
+_WORLD = ("maze", "mazes", "engine", "world")
 #: Hydra's flags that have a value.
 _FLAGS = (
     *("--cfg", "-c", "--package", "-p", "--info", "-i", "--experimental-rerun"),
@@ -49,7 +51,8 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
 
     Raises:
         SettingsError: if ``resume`` names no run folder, or that of an earlier version
-            or another recipe, with settings that ``recipe`` has not.
+            or another recipe, with settings that ``recipe`` has not; or if the world
+            is to be another one.
     """
     given = [word for word in arguments if word.startswith("resume=")]
     folder = _bare(given[-1].partition("=")[2]) if given else ""
@@ -74,6 +77,12 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
     rule = "resume must name a run whose command line was kept whole"
     whole = all(isinstance(word, str) and word[:1] not in ("", "=") for word in first)
     require(whole, rule, f"'{overrides}'")
+    # What was learned, mapped and counted is of that world.
+    rule = "resume must go on in the world of its run, without settings of another one"
+    for word in arguments:
+        name = re.match(r"[+~]*(\w+)", word)
+        is_other = name is not None and name[1] in _WORLD and word not in first
+        require(not is_other, rule, f"'{word}'")
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
 

@@ -15,12 +15,15 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, NoReturn, TypeVar
 
 from toponav.envs import end_stray_engines
+from toponav.runs import IdleWatch
 
 Result = TypeVar("Result")
 
 #: Fewer decisions take less time than a process of their own needs to start: some six
 #: seconds, in which a policy with two mazes makes 2,000, and blind ones 10,000.
 FEW = 5_000
+#: Seconds without any processor time after which the process hangs.
+IDLE_S = 120.0
 # What the process says.
 _PROGRESS, _RESULT, _ERROR = "progress", "result", "error"
 # Seconds that it gets to end its engines.
@@ -106,10 +109,17 @@ class Beside(Generic[Result]):
 
         Raises:
             BesideError: with the reason of the process, or the status that it ended
-                with if it said none.
+                with if it said none; or if it takes no processor time any more.
         """
+        watch = IdleWatch(self.process.pid, patience_s=IDLE_S)
         try:
-            return self._future.result()
+            while True:
+                # Of this wait: what the function raised is a `BesideError`.
+                with suppress(TimeoutError):
+                    return self._future.result(watch.look_s)
+                if watch.is_idle():
+                    self.process.kill()
+                    raise BesideError(f"no processor time in {IDLE_S:g} s")
         finally:
             self.close()
 

@@ -20,6 +20,7 @@ from toponav.runs.files import (
     write_history as write_history,
     write_text as write_text,
 )
+from toponav.runs.idle import IdleWatch as IdleWatch
 from toponav.runs.locks import (
     CONTINUES as CONTINUES,
     StoppedError as StoppedError,

@@ -17,7 +17,7 @@ from toponav.collectors import (
     PreparedCollector,
     RayMailbox,
 )
-from toponav.config import ExploreConfig
+from toponav.config import ExploreCollectConfig, ExploreConfig, require
 from toponav.training.explore_worker import (
     make_worker_env,
     make_worker_policy,
@@ -63,10 +63,13 @@ def make_explore_collector(
     ask it for TorchRL's state while it runs (it would drop a rollout and hang).
 
     Raises:
+        SettingsError: if the episodes are of other processes or mazes than there are.
         EngineError: if the engine cannot start.
         CollectionError: if a process dies or hangs while it starts.
     """
     collect = settings.collect
+    if episodes is not None:
+        _require_same_processes(collect, episodes)
     prepare = partial(
         prepare_worker,
         settings=settings,
@@ -109,6 +112,18 @@ def make_explore_collector(
         else:
             make = PatientAsyncCollector
     return start_collector(partial(make, **arguments), max_idle_s=collect.max_idle_s)
+
+
+def _require_same_processes(
+    collect: ExploreCollectConfig, episodes: Sequence[Mapping[str, Any]]
+) -> None:
+    """Refuse other numbers of processes and mazes than episodes come from."""
+    mazes = sum(len(one["games"]["begun"]) for one in episodes)
+    given = {"workers": len(episodes), "envs": mazes}
+    for name, number in given.items():
+        rule = f"collect.{name} must stay {number} where episodes are resumed"
+        found = getattr(collect, name)
+        require(found == number, f"{rule} (collect.mode=sync)", found)
 
 
 def _continued(
