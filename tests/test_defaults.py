@@ -106,7 +106,7 @@ NO_CHOICE = {
     "toponav/training/pretraining.py": {"_VIEWS_AT_ONCE"},
     "toponav/training/recalibration.py": {"_VIEWS"},
     "toponav/training/room.py": {
-        *("_MB", "_FLOAT", "_SMALL_MB", "_PAGES", "_ENTRIES", "_CHECKPOINTS"),
+        *("_MB", "_FLOAT", "_HALF", "_SMALL_MB", "_PAGES", "_ENTRIES", "_CHECKPOINTS"),
         "_LONGEST_TMPDIR",
     },
 }

@@ -88,6 +88,13 @@ def test_more_threads_than_any_machine_has_are_refused(setting: str) -> None:
         ("explore online.buffer_gb=1e300", "online.buffer_gb must be at most 100,000,"),
         ("pretrain collect.buffer_gb=1e20", "collect.buffer_gb must be at most 100,00"),
         ("pretrain collect.share=1.5", "collect.share must be at most 1, got 1.5"),
+        (
+            "explore locomotion.pairs=1000001",
+            "locomotion.pairs must be at most 1,000,0",
+        ),
+        ("explore policy.layers=65", "policy.layers must be at most 64, got 65"),
+        ("explore evaluate.episodes=100001", "evaluate.episodes must be at most 100,0"),
+        ("pretrain pairs.per_update=1000001", "pairs.per_update must be at most 1,"),
         # Finite numbers that float32 has no room for, once they are multiplied by some.
         ("explore loss.lr=1e39", "loss.lr must be at most 1e+30 in size, got 1e+39"),
         ("explore loss.entropy_coeff=1e39", "loss.entropy_coeff must be at most 1e+30"),

@@ -3,11 +3,13 @@
 import shutil
 from collections import namedtuple
 from pathlib import Path
+from unittest.mock import Mock
 
+import psutil
 import pytest
 
 from toponav.config import SettingsError
-from toponav.runs import require_room, require_shared_memory, room
+from toponav.runs import require_memory, require_room, require_shared_memory, room
 
 Usage = namedtuple("Usage", "total used free")
 
@@ -45,6 +47,17 @@ def test_a_full_disk_is_refused(
     assert said(require_shared_memory, 70, "collect.envs") == (
         "/dev/shm must have room for 70 MB, which processes of this run share (less "
         f"with a smaller collect.envs), got {given} MB; in Docker, --shm-size sets it"
+    )
+
+
+def test_more_memory_than_the_machine_has_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: Mock(total=8_000_000))
+    require_memory(8, "locomotion.memory")
+    assert said(require_memory, 9, "locomotion.memory") == (
+        "locomotion.memory must be smaller, or the machine have 9 MB of memory, got 8 "
+        "MB"
     )
 
 

@@ -236,3 +236,13 @@ def test_too_little_shared_memory_is_refused_before_anything_starts(
         "file system)\n",
     )
     assert not list(tmp_path.iterdir())
+
+
+def test_walks_that_no_memory_holds_are_refused(needs: Needs, tmp_path: Path) -> None:
+    """512 bytes for each of 10^12: 512,000,000 MB."""
+    given = ("pretrained=package:maze3", "locomotion.memory=1000000000000")
+    found = settings("explore", *given, f"evaluate.random_folder={tmp_path}")
+    assert isinstance(found, ExploreConfig)
+    rule = "^locomotion.memory must be smaller, or the machine have 512000000 MB "
+    with pytest.raises(SettingsError, match=rule):
+        ask(found, tmp_path)

@@ -18,6 +18,8 @@ Config = TypeVar("Config", DictConfig, ListConfig)
 MOST_THREADS = 1024
 #: Most bootstrap samples of a table: more take many minutes and change no digit.
 MOST_DRAWS = 1_000_000
+#: Most pairs of views at a time, whose embeddings take gigabytes.
+MOST_PAIRS = 1_000_000
 #: Most gigabytes of views; no machine has the memory for more.
 MOST_GB = 100_000
 #: Largest size of a number that is no whole one. Tensors hold 3.4e38, and optimisers

@@ -6,6 +6,7 @@ from omegaconf import MISSING
 
 from toponav.config.checks import (
     MOST_GB,
+    MOST_PAIRS,
     MOST_THREADS,
     Settings,
     a_seed,
@@ -29,6 +30,10 @@ from toponav.config.groups import (
 #: Decisions before and after a view that may count for the map: it waits for them, and
 #: as long as it waits, what judges it keeps where the view was taken.
 MOST_AROUND = 8192
+#: Largest LSTM: a layer of so many units has 8.6 GB of weights.
+_MOST_HIDDEN, _MOST_LAYERS = 16_384, 64
+#: Most episodes of a policy, all of whose tables are kept in memory.
+_MOST_EPISODES = 100_000
 
 
 @dataclass
@@ -38,8 +43,8 @@ class PolicyConfig(Settings):
     group = "policy"
     input: str = one_of("auto", "embedding", "pixels")
     view_size: int = at_least(36)
-    hidden: int = at_least(1)
-    layers: int = at_least(1, default=1)
+    hidden: int = at_least(1, most=_MOST_HIDDEN)
+    layers: int = at_least(1, most=_MOST_LAYERS, default=1)
 
 
 @dataclass
@@ -105,7 +110,7 @@ class LocomotionConfig(Settings):
     memory: int = at_least(1)
     k: int = at_least(1)
     updates: int = at_least(1)
-    pairs: int = at_least(1)
+    pairs: int = at_least(1, most=MOST_PAIRS)
     lr: float = above(0)
     weight_decay: float = at_least(0)
 
@@ -169,8 +174,8 @@ class EvaluateConfig(Settings):
     """The episodes that a run is judged by at its end."""
 
     group = "evaluate"
-    episodes: int = at_least(1)
-    random_episodes: int = at_least(1)
+    episodes: int = at_least(1, most=_MOST_EPISODES)
+    random_episodes: int = at_least(1, most=_MOST_EPISODES)
     random_seed: int = a_seed()
     random_folder: str = MISSING
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from omegaconf import MISSING
 
 from toponav.config.checks import (
+    MOST_PAIRS,
     Settings,
     a_seed,
     above,
@@ -132,7 +133,7 @@ class PairsConfig(Settings):
     locomotion_exact: bool = MISSING
     other_episode_share: float = between(0, 1)
     mined: bool = MISSING
-    per_update: int = at_least(1)
+    per_update: int = at_least(1, most=MOST_PAIRS)
     episodes: int = at_least(1)
     chunks: int = at_least(1)
     chunk_len: int = at_least(1)

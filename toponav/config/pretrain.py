@@ -6,6 +6,7 @@ from omegaconf import MISSING
 
 from toponav.config.checks import (
     MOST_GB,
+    MOST_PAIRS,
     MOST_THREADS,
     Settings,
     a_seed,
@@ -66,7 +67,7 @@ class ValidateConfig(Settings):
     group = "validate"
     episodes: int = at_least(1, most=_MOST_EPISODES)
     decisions: int = at_least(1)
-    pairs: int = at_least(1)
+    pairs: int = at_least(1, most=MOST_PAIRS)
     every: int = at_least(1)
     m: int = at_least(2)
 

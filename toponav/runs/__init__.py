@@ -31,6 +31,7 @@ from toponav.runs.locks import (
     stop_requests as stop_requests,
 )
 from toponav.runs.room import (
+    require_memory as require_memory,
     require_room as require_room,
     require_shared_memory as require_shared_memory,
 )

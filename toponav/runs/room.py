@@ -6,6 +6,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import psutil
+
 from toponav.config import SettingsError, require
 
 #: Where processes of Linux share memory; other systems have no such folder.
@@ -35,6 +37,23 @@ def require_room(folder: Path, setting: str, megabytes: float) -> None:
         raise SettingsError(f"{rule}, got '{folder}' ({error.strerror})") from error
     rule = f"{setting} must name a folder on a disk with room for {megabytes:.0f} MB"
     require(free >= megabytes, rule, f"'{folder}' with {free:.1f} MB free")
+
+
+def require_memory(megabytes: float, setting: str) -> None:
+    """Refuse a setting that needs more memory than the machine has.
+
+    Args:
+        megabytes: what it will take at least.
+        setting: that makes it less.
+
+    Raises:
+        SettingsError: if all of the memory is less.
+    """
+    total = psutil.virtual_memory().total / 1e6
+    rule = (
+        f"{setting} must be smaller, or the machine have {megabytes:.0f} MB of memory"
+    )
+    require(megabytes <= total, rule, f"{total:.0f} MB")
 
 
 def require_shared_memory(megabytes: float, setting: str) -> None:

@@ -55,8 +55,9 @@ def save_exploration(
 
     Within one, some consumers have seen what others have not. With ``episodes``, of
     `running_episodes`, a resumed run does what it would have done, to the last digit,
-    unless ``online.learn`` needs views, which are collected again. Without (with
-    ``collect.mode=async`` or ``world=gym``) it begins new ones, with other scenes.
+    unless ``online.learn`` or the replay of ``loss=dqn`` or ``drqn`` needs views, which
+    are collected again. Without (with ``collect.mode=async`` or ``world=gym``) it
+    begins new ones, with other scenes.
 
     Raises:
         TrainingError: if the states do not fit each other; the former file stays.

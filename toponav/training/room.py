@@ -20,9 +20,9 @@ from toponav.builders import (
 from toponav.config import ExploreConfig, PretrainConfig, require
 from toponav.envs import load_engine
 from toponav.methods import LEARNERS, REWARDS
-from toponav.runs import require_room, require_shared_memory
+from toponav.runs import require_memory, require_room, require_shared_memory
 
-_MB, _FLOAT = 1e-6, 4
+_MB, _FLOAT, _HALF = 1e-6, 4, 2
 # A socket's path has at most 103 bytes (macOS; 107 on Linux), of which Python takes 32:
 # /pymp-xxxxxxxx/listener-xxxxxxxx. Beyond, views of a pre-training never arrive.
 _LONGEST_TMPDIR = 71
@@ -61,6 +61,10 @@ def require_explore_room(settings: ExploreConfig, world: World, folder: Path) ->
         if not settings.resume and not (kept / NETWORKS_FILE).is_file():
             megabytes = _SMALL_MB + (_CHECKPOINTS + 1) * networks * _MB
             require_room(kept, "pretraining.folder", megabytes)
+    if fresh is not None and settings.locomotion.learn is not False:
+        # All of it is taken at the first batch.
+        walks = settings.locomotion.memory * _HALF * settings.model.embedding_dim
+        require_memory(walks * _MB, "locomotion.memory")
     where = "resume" if settings.resume else "hydra.run.dir"
     require_room(folder, where, _SMALL_MB + files * _MB)
     if settings.collect.backend == "local":
@@ -111,7 +115,7 @@ def _walks_bytes(settings: ExploreConfig) -> float:
         return 0
     collect, fed = settings.collect, settings.map.envs
     share = min(fed or collect.envs, collect.envs) / collect.envs
-    return share * collect.decisions * 2 * settings.model.embedding_dim
+    return share * collect.decisions * _HALF * settings.model.embedding_dim
 
 
 def _batch_bytes(settings: ExploreConfig, world: World, *, has_networks: bool) -> int:
