@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 #: seconds, in which a policy with two mazes makes 2,000, and blind ones 10,000.
 FEW = 5_000
 #: Seconds without any processor time after which the process hangs.
-IDLE_S = 120.0
+IDLE_S = 150.0
 # What the process says.
 _PROGRESS, _RESULT, _ERROR = "progress", "result", "error"
 # Seconds that it gets to end its engines.
