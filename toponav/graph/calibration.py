@@ -29,8 +29,12 @@ _CHUNK = 16
 #: Largest logit tried; one more and float32 rounds the probability to 1.
 _WIDEST = 16.0
 _MOST_TRIALS = 24
+#: How near a share must come to the one asked for, as a share of it.
+_CLOSE = 0.02
 #: Share of the pairs of views close in time whose similarity passes tc_re.
 _PASS_RATE = 0.9
+#: How far tc_re stays from its bounds, as a share of what is between them.
+_MARGIN = 0.05
 
 
 class Comparing(Protocol):
@@ -179,7 +183,7 @@ def calibrate_share(
 
     logit, step = 0.0, 1.0
     tried = [measure(logit)]
-    while min(map(error, tried)) > 0.02 * target_share and len(tried) <= _MOST_TRIALS:
+    while min(map(error, tried)) > _CLOSE * target_share and len(tried) <= _MOST_TRIALS:
         too_few = tried[-1].achieved < target_share
         # Once the answer is passed, every turn halves the step.
         if step < 1 or too_few != (tried[0].achieved < target_share):
@@ -218,7 +222,7 @@ def calibrate_reach(
         raise ValueError(f"{rule}, got one in each.")
     similarity = torch.from_numpy(np.concatenate(near))
     floor = min(0.5, tc_threshold)
-    margin = 0.05 * (tc_threshold - floor)
+    margin = _MARGIN * (tc_threshold - floor)
     threshold = float(similarity.quantile(1 - _PASS_RATE))
     threshold = min(max(threshold, floor + margin), tc_threshold - margin)
     achieved = float((similarity > threshold).double().mean())

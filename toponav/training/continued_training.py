@@ -37,6 +37,8 @@ from toponav.training.recalibration import Recalibration
 
 # Updates between two rows of the log of the L-network's head.
 _ROW_EVERY = 100
+# Share of the updates of that head in which its learning rate rises.
+_RISE = 0.1
 
 
 class ContinuedTraining(Consumer):
@@ -205,7 +207,7 @@ class LocomotionFinetuner(Consumer):
             check=self.check,
         )
         # A tenth of ten updates is one, in which no rate can rise: a division by zero.
-        rise = 0.1 if config.updates > 10 else 0.3
+        rise = _RISE if config.updates > 10 else 0.3
         schedule = torch.optim.lr_scheduler.OneCycleLR(
             trainer.optimizer, config.lr, total_steps=config.updates, pct_start=rise
         )

@@ -15,7 +15,7 @@ from toponav import keys
 from toponav.modules import SteeringNetwork, SteeringValue
 
 _READ = [keys.EMBEDDING, keys.SENSES, keys.FREE_LOGITS]
-_LARGEST_GRADIENT = 0.5
+_LARGEST_GRADIENT, _CRITIC_COEFF = 0.5, 0.5
 #: What a decision costs, beside its progress, and what the target pays, in decisions:
 #: an agent that turns on the spot must not be as well off as one that arrives.
 _COST, _ARRIVAL = 0.05, 1.0
@@ -76,7 +76,7 @@ class SteeringPractice:
             self.critic,
             clip_epsilon=rules.clip_epsilon,
             entropy_coeff=rules.entropy_coeff,
-            critic_coeff=0.5,
+            critic_coeff=_CRITIC_COEFF,
             normalize_advantage=True,
             functional=False,
         )
