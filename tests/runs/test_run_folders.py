@@ -20,6 +20,15 @@ from toponav.runs.run_folders import (
     swept_settings,
 )
 
+#: What a pre-training says of a maze, and what is none of it.
+FIGURES = '{"accuracy": 0.9, "count_1": 3, "accuracy_1": 0.8}'
+MAZES = (
+    *("3", "{}", "[]", "[3]", '{"a": 3}', '{"a": {}}', f'{{"a": {FIGURES}, "b": 3}}'),
+    *(f'{{"a": {FIGURES.replace(*one)}}}' for one in (("0.9", '"x"'), ("0.9", "[1]"))),
+    *(f'{{"a": {FIGURES.replace(one, "x")}}}' for one in ("accuracy_1", 'accuracy"')),
+    f'{{"a": {FIGURES.replace("0.9", "9" * 400)}}}',
+)
+
 
 def test_runs_are_found_in_all_sweeps_in_the_order_of_their_numbers(
     tmp_path: Path,
@@ -128,13 +137,20 @@ def test_columns_are_numbers_where_all_cells_are(tmp_path: Path) -> None:
     ("text", "reason"),
     [
         (None, "has no a.csv"),
-        ("", "has an empty a.csv"),
-        ("x,y\n1,2\n3\n", "has broken rows in its a.csv"),
+        (b"", "has an empty a.csv"),
+        (b"x,y\n1,2\n3\n", "has broken rows in its a.csv"),
+        (b"x,y\n1,2\n\0\0\0\n", "has broken rows in its a.csv"),
+        (b"x,y\n1,\xff2\n", "has a broken a.csv"),
+        # More than a cell may have.
+        (b"x,y\n1,%b\n" % (b"2" * 200_000), "has a broken a.csv"),
+        (b'x\n"1\n2\n', "has a broken a.csv"),
     ],
 )
-def test_a_broken_table_is_told(tmp_path: Path, text: str | None, reason: str) -> None:
+def test_a_broken_table_is_told(
+    tmp_path: Path, text: bytes | None, reason: str
+) -> None:
     if text is not None:
-        (tmp_path / "a.csv").write_text(text)
+        (tmp_path / "a.csv").write_bytes(text)
     with pytest.raises(BrokenRunError, match=reason):
         read_table(tmp_path / "a.csv")
 
@@ -160,6 +176,11 @@ def test_a_pretraining_has_its_figures_by_maze(tmp_path: Path) -> None:
         (None, "has no report.json"),
         ('{"mazes": {', "has a broken report.json"),
         ("{}", "has a broken report.json"),
+        ("3", "has a broken report.json"),
+        ("\xff", "has a broken report.json"),
+        ("[" * 100_000, "has a broken report.json"),
+        *((f'{{"mazes": {mazes}}}', "has a broken report.json") for mazes in MAZES),
+        (f'{{"mazes": {{"a": {FIGURES}}}, "waypoint_share": 3}}', "has a broken rep"),
     ],
 )
 def test_an_unfinished_pretraining_is_told(
@@ -168,7 +189,7 @@ def test_an_unfinished_pretraining_is_told(
     folder = make_pretraining(tmp_path, mazes={"select": 0.9})
     (folder / "report.json").unlink()
     if content is not None:
-        (folder / "report.json").write_text(content)
+        (folder / "report.json").write_text(content, encoding="latin-1")
     with pytest.raises(BrokenRunError, match=reason):
         read_pretraining(folder)
 

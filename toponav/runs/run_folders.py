@@ -188,11 +188,23 @@ def read_table(path: Path, columns: Iterable[str] = ()) -> pd.DataFrame:
     """A CSV table that must have these columns; NaN for an empty cell.
 
     Raises:
-        BrokenRunError: if the file, a column or a cell is missing, it is empty, or one
-            of these columns that is none of words holds other than numbers.
+        BrokenRunError: if the file, a column or a cell is missing, it is empty or no
+            table, or one of these columns that is none of words holds other than
+            numbers.
     """
     if not path.is_file():
         raise BrokenRunError(f"has no {path.name}")
+    try:
+        table = _parse_table(path)
+    except BrokenRunError:
+        raise
+    except (csv.Error, ValueError):  # no UTF-8, or a cell that has no end
+        raise BrokenRunError(f"has a broken {path.name}") from None
+    _require_columns(table, columns, path.name)
+    return table
+
+
+def _parse_table(path: Path) -> pd.DataFrame:
     # pandas fills rows that are too short.
     with path.open(newline="", encoding="utf-8") as file:
         widths = {len(row) for row in csv.reader(file)}
@@ -200,9 +212,7 @@ def read_table(path: Path, columns: Iterable[str] = ()) -> pd.DataFrame:
         raise BrokenRunError(f"has an empty {path.name}")
     if len(widths) > 1:
         raise BrokenRunError(f"has broken rows in its {path.name}")
-    table = pd.read_csv(path)
-    _require_columns(table, columns, path.name)
-    return table
+    return pd.read_csv(path)
 
 
 def _require_columns(table: pd.DataFrame, columns: Iterable[str], file: str) -> None:
@@ -220,26 +230,35 @@ def read_pretraining(folder: Path) -> pd.DataFrame:
     and, of a run in one maze, the last ``tc_accuracy_k4_m5`` of ``metrics.csv``.
 
     Raises:
-        BrokenRunError: if it has not finished.
+        BrokenRunError: if it has not finished, or one of the files is damaged.
     """
     try:
-        report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-        found = pd.DataFrame.from_dict(report["mazes"], orient="index", dtype=float)
+        content = (folder / "report.json").read_bytes()
     except FileNotFoundError:
         raise BrokenRunError("has no report.json") from None
-    except (json.JSONDecodeError, KeyError):
+    try:
+        found = _parse_report(content)
+    except Exception:  # damage can make any of its readers fail in any way
         raise BrokenRunError("has a broken report.json") from None
+    history = read_table(folder / "metrics.csv")
+    if len(found) == 1 and "tc_accuracy_k4_m5" in history:
+        _require_columns(history, ["tc_accuracy_k4_m5"], "metrics.csv")
+        found["tc_accuracy_k4_m5"] = history["tc_accuracy_k4_m5"].iloc[-1]
+    return found
+
+
+def _parse_report(content: bytes) -> pd.DataFrame:
+    report = json.loads(content.decode("utf-8"))
+    found = pd.DataFrame.from_dict(report["mazes"], orient="index", dtype=float)
     # Accuracy over all pairs, from that at each offset.
     counts = found.filter(regex=r"^count_\d+$")
     right = found[counts.columns.str.replace("count", "accuracy")].to_numpy() * counts
     found["locomotion_accuracy"] = right.sum(axis=1) / counts.sum(axis=1)
     for at, share in report.get("waypoint_share", {}).items():
         found[f"waypoint_share_{at}"] = share
-    history = read_table(folder / "metrics.csv")
-    if len(found) == 1 and "tc_accuracy_k4_m5" in history:
-        _require_columns(history, ["tc_accuracy_k4_m5"], "metrics.csv")
-        found["tc_accuracy_k4_m5"] = history["tc_accuracy_k4_m5"].iloc[-1]
-    return found
+    if "accuracy" not in found:
+        raise ValueError("no accuracy of the TC-network")
+    return found.astype(float)
 
 
 def read_exploration(folder: Path) -> Exploration:
