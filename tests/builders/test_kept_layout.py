@@ -7,9 +7,10 @@ from unittest.mock import patch
 
 import pytest
 
+from tests.explored import make_run, navigate_settings
 from tests.exploring import explore_settings
 from tests.forked import run_forked
-from toponav.builders import keep_layout, make_layout
+from toponav.builders import keep_layout, load_exploration, make_layout
 from toponav.config import MazeConfig, SettingsError
 
 RING = "*****\n*   *\n* * *\n*   *\n*****\n"
@@ -39,6 +40,23 @@ def test_a_layout_is_kept_and_compared(tmp_path: Path) -> None:
         "it was)"
     )
     assert copy.read_text() == RING
+
+
+def test_a_damaged_copy_is_refused(tmp_path: Path) -> None:
+    config = make_run(tmp_path).maze
+    copy = tmp_path / "config/layout.txt"
+    copy.write_bytes(RING.encode().replace(b" ", b"\xff", 1))
+    layout = make_layout(config)
+    for check in (
+        lambda: keep_layout(tmp_path, config, layout),  # of a resume
+        lambda: load_exploration(navigate_settings(tmp_path)),
+    ):
+        with pytest.raises(SettingsError) as refusal:
+            check()
+        assert str(refusal.value) == (
+            f"a run folder must hold its layout as text, got the damaged {copy} "
+            "('utf-8' codec can't decode byte 0xff in position 7: invalid start byte)"
+        )
 
 
 def test_of_other_mazes_and_worlds_nothing_is_kept(tmp_path: Path) -> None:

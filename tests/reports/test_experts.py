@@ -47,7 +47,7 @@ def test_episodes_are_played_and_found_again(
     # A damaged file is as good as none, and so is one of another maze.
     (file,) = Path(tmp_path, "kept").glob("*-frontier.json")
     other = {"of": {}, "rows": rows[-2:]}
-    for text in ("", "[]", file.read_text()[:-9], json.dumps(other)):
+    for text in ("", "[]", "[" * 100_000, file.read_text()[:-9], json.dumps(other)):
         file.write_text(text)
         assert scripted_rows(config, world, ["frontier"], play=False) == []
 

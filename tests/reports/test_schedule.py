@@ -102,11 +102,12 @@ def test_the_times_of_a_run_that_is_resumed_add_up(
     assert times() == [["one", "200", "170"], ["two", "230", "60"]]
     # Another run in this folder begins with none; damaged ones are no times.
     start(resumed=False).begin("one")
-    (tmp_path / "phases.csv").write_text("phase,ended\none\n")
-    schedule = start(resumed=True)
-    schedule.begin("one")
-    schedule.end()
-    assert times() == [["one", "0", "0"]]
+    for row in (b"one", b"one,5,5,5", b"\0\0\0", b"\xff,5,5", b"1" * 200_000 + b",5,5"):
+        (tmp_path / "phases.csv").write_bytes(b"phase,ended,seconds\n" + row + b"\n")
+        schedule = start(resumed=True)
+        schedule.begin("one")
+        schedule.end()
+        assert times() == [["one", "0", "0"]]
 
 
 @pytest.mark.parametrize(("words", "resumed"), [((), "7"), (("resume=run",), "12")])

@@ -1,6 +1,7 @@
 import csv
 from pathlib import Path
 
+import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from toponav.reports import write_measurements
@@ -39,6 +40,25 @@ def test_what_was_logged_after_a_checkpoint_is_not_there_twice(tmp_path: Path) -
     board = EventAccumulator(str(tmp_path / "logs/tensorboard")).Reload()
     steps = [one.step for one in board.Scalars("pretrain/loss_tc")]
     assert steps == [1, 2, 4, 5]
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        b"\0\0\0\0\n",
+        b"\0\0\0\x002,0.4\n",
+        b"\xff\xfe,0.4\n",
+        b"2,\xff\n",
+        *(b"2\n", b"\n", b"2,\n", b"2,0.4,3,0.3\n", b"2.5,0.4\n", b"2,0.\r4\n"),
+        b"9" * 5000 + b",0.4\n",
+    ],
+)
+def test_damaged_rows_of_a_log_are_dropped(tmp_path: Path, damaged: bytes) -> None:
+    log = tmp_path / "logs/csv/scalars/pretrain/loss_tc.csv"
+    log.parent.mkdir(parents=True)
+    log.write_bytes(b"1,0.7\n" + damaged + b"3,nan\n4,0.2\n")
+    write_measurements(tmp_path, make_loggers(tmp_path, 3), [measurement(4)])
+    assert log.read_text() == "1,0.7\n3,nan\n4,0.175\n"
 
 
 def test_rows_that_lack_a_column_leave_it_empty(tmp_path: Path) -> None:

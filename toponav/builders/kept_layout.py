@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from toponav.config import MazeConfig, require
+from toponav.config import MazeConfig, SettingsError, require
 from toponav.envs import Layout
 from toponav.runs import LAYOUT_FILE, write_text
 
@@ -13,7 +13,8 @@ def keep_layout(folder: Path, maze: MazeConfig, layout: Layout | None) -> None:
     Other mazes are told by their settings, and nothing is kept of them.
 
     Raises:
-        SettingsError: if the file was edited since the run began.
+        SettingsError: if the file was edited since the run began, or the copy is no
+            text.
     """
     if layout is None or maze.name != "file":
         return
@@ -25,9 +26,19 @@ def keep_layout(folder: Path, maze: MazeConfig, layout: Layout | None) -> None:
 
 
 def kept_layout(folder: Path) -> str | None:
-    """What `layout_text` was when a run began; ``None`` if nothing is kept of it."""
+    """What `layout_text` was when a run began; ``None`` if nothing is kept of it.
+
+    Raises:
+        SettingsError: if it is no text.
+    """
     path = _path(folder)
-    return path.read_text(encoding="utf-8") if path.is_file() else None
+    if not path.is_file():
+        return None
+    rule = "a run folder must hold its layout as text, got the damaged"
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as bad:
+        raise SettingsError(f"{rule} {path} ({bad})") from bad
 
 
 def layout_text(layout: Layout) -> str:

@@ -147,7 +147,7 @@ def find_baselines(settings: ExploreConfig, world: World) -> list[Row] | None:
         played = [(row["policy"], row["seed"]) for row in rows]
         covered = [0 <= row["coverage"] <= 1 for row in rows]
         is_same = found["of"] == baselines_content(settings, world)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     episodes = range(settings.evaluate.random_episodes)
     wanted = [(name, number) for name in BASELINES for number in episodes]

@@ -69,7 +69,7 @@ def _frontier(settings: ExploreConfig, world: World, *, play: bool) -> list[Row]
 
 def _find(file: Path, content: dict[str, object]) -> list[Row] | None:
     """The rows that were kept; ``None`` without any, or if the file is damaged."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
+    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         found = json.loads(file.read_text(encoding="utf-8"))
         kept: list[Row] = found["rows"]
         if found["of"] == content and len(kept) == content["episodes"]:

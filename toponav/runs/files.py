@@ -10,7 +10,7 @@ import pickletools
 import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -230,18 +230,28 @@ def make_loggers(folder: Path, last_step: int) -> list[Logger]:
     """TorchRL's loggers: ``logs/csv`` (a file a name) and ``logs/tensorboard``.
 
     A resumed run appends to both. Rows after ``last_step``, which it logs again, are
-    dropped from the CSV files and hidden in TensorBoard.
+    dropped from the CSV files and hidden in TensorBoard; so are, from the former,
+    damaged ones, such as a crash leaves: nothing that the run does depends on them.
     """
     logs = folder / "logs"
     for path in logs.glob("csv/scalars/**/*.csv"):
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-        whole = [line for line in lines if line.endswith("\n")]
-        kept = [line for line in whole if int(line.partition(",")[0]) <= last_step]
-        write_text(path, "".join(kept))
+        # The last row of a process that was killed may have no end.
+        *whole, _ = path.read_bytes().decode("utf-8", errors="replace").split("\n")
+        kept = [row for row in whole if _step_of(row) <= last_step]
+        write_text(path, "".join(f"{row}\n" for row in kept))
     board = TensorboardLogger("tensorboard", str(logs))
     event = Event(step=last_step + 1, session_log=SessionLog(status=SessionLog.START))
     board.experiment.file_writer.add_event(event)
     return [CSVLogger("csv", log_dir=str(logs)), board]
+
+
+def _step_of(row: str) -> float:
+    """The step of a row of a log, infinite if it is no row of two numbers."""
+    with suppress(ValueError):
+        step, value = row.split(",")
+        float(value)
+        return int(step)
+    return math.inf
 
 
 def write_history(path: Path, history: Sequence[Figures]) -> None:

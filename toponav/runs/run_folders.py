@@ -188,9 +188,8 @@ def read_table(path: Path, columns: Iterable[str] = ()) -> pd.DataFrame:
     """A CSV table that must have these columns; NaN for an empty cell.
 
     Raises:
-        BrokenRunError: if the file, a column or a cell is missing, it is empty or no
-            table, or one of these columns that is none of words holds other than
-            numbers.
+        BrokenRunError: if it is missing, empty or no table, lacks a column or a cell,
+            or one of these columns that is none of words holds other than numbers.
     """
     if not path.is_file():
         raise BrokenRunError(f"has no {path.name}")
