@@ -1,3 +1,4 @@
+import json
 import math
 import os
 import subprocess
@@ -124,6 +125,21 @@ def test_a_damaged_file_is_made_again(
         assert rows_of(config) == PLAYED
         assert file.read_text() == whole
     assert len(plays) == 5
+
+
+def test_rows_of_other_columns_are_played_again(
+    config: ExploreConfig, plays: list[str]
+) -> None:
+    rows_of(config)
+    file = baselines.baselines_file(config, world_of(config))
+    whole = file.read_text()
+    # One name of a column with another letter, as in the last row, which names all.
+    found = json.loads(whole)
+    found["rows"][-1]["x"] = 1.0
+    file.write_text(json.dumps(found))
+    assert rows_of(config) == PLAYED
+    assert file.read_text() == whole
+    assert len(plays) == 2
 
 
 def test_where_nothing_can_be_kept_is_said_before_a_run(

@@ -11,6 +11,7 @@ from tests.exploring import explore_settings, world_of
 from toponav.reports import SCRIPTED, experts, scripted_rows
 
 ROW = {"policy": "frontier", "seed": 0, "coverage": 1.0}
+ROWS = [ROW, ROW | {"seed": 1}]
 
 
 def settings_of(tmp_path: Path):
@@ -47,7 +48,15 @@ def test_episodes_are_played_and_found_again(
     # A damaged file is as good as none, and so is one of another maze.
     (file,) = Path(tmp_path, "kept").glob("*-frontier.json")
     other = {"of": {}, "rows": rows[-2:]}
-    for text in ("", "[]", "[" * 100_000, file.read_text()[:-9], json.dumps(other)):
+    nobody = file.read_text().replace("policy", "x")
+    for text in (
+        nobody,
+        "",
+        "[]",
+        "[" * 100_000,
+        file.read_text()[:-9],
+        json.dumps(other),
+    ):
         file.write_text(text)
         assert scripted_rows(config, world, ["frontier"], play=False) == []
 
@@ -59,12 +68,12 @@ def test_two_at_once_play_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     def play(*_: object) -> tuple[list[dict[str, object]], bool]:
         played.append(1)
         time.sleep(0.5)
-        return [ROW, ROW], True
+        return ROWS, True
 
     monkeypatch.setattr(experts, "_play", play)
     with ThreadPoolExecutor(3) as pool:
         found = pool.map(lambda _: scripted_rows(config, world, ["frontier"]), range(3))
-        assert [*found] == [[ROW, ROW]] * 3
+        assert [*found] == [ROWS] * 3
     assert len(played) == 1
 
 
@@ -72,8 +81,8 @@ def test_an_episode_that_lost_its_engine_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = settings_of(tmp_path)
-    monkeypatch.setattr(experts, "_play", lambda *_: ([ROW, ROW], False))
-    assert scripted_rows(config, world_of(config), ["frontier"]) == [ROW, ROW]
+    monkeypatch.setattr(experts, "_play", lambda *_: (ROWS, False))
+    assert scripted_rows(config, world_of(config), ["frontier"]) == ROWS
     assert scripted_rows(config, world_of(config), ["frontier"], play=False) == []
 
 

@@ -1,6 +1,7 @@
 """Blind baselines: what policies do that see nothing, and exploring must beat."""
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -141,17 +142,27 @@ def play_baselines(settings: ExploreConfig, world: World) -> list[Row]:
 
 def find_baselines(settings: ExploreConfig, world: World) -> list[Row] | None:
     """The rows that were kept; ``None`` without any, or if the file is damaged."""
+    return read_kept(baselines_file(settings, world), settings, world, BASELINES)
+
+
+def read_kept(
+    file: Path, settings: ExploreConfig, world: World, policies: Sequence[str]
+) -> list[Row] | None:
+    """The rows that a file keeps of these policies; ``None`` if it is damaged."""
     try:
-        found = json.loads(baselines_file(settings, world).read_text(encoding="utf-8"))
+        found = json.loads(file.read_text(encoding="utf-8"))
         rows: list[Row] = found["rows"]
         played = [(row["policy"], row["seed"]) for row in rows]
         covered = [0 <= row["coverage"] <= 1 for row in rows]
         is_same = found["of"] == baselines_content(settings, world)
+        # Those of the last row become those of the run's table.
+        columns = {tuple(row) for row in rows}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     episodes = range(settings.evaluate.random_episodes)
-    wanted = [(name, number) for name in BASELINES for number in episodes]
-    return rows if is_same and played == wanted and all(covered) else None
+    wanted = [(name, number) for name in policies for number in episodes]
+    is_whole = played == wanted and all(covered) and len(columns) <= 1
+    return rows if is_same and is_whole else None
 
 
 def baselines_file(settings: ExploreConfig, world: World) -> Path:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
+from functools import partial
 
 import torch
 from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
@@ -17,6 +17,7 @@ from toponav.reports.baselines import (
     baselines_file,
     find_baselines,
     play_baselines,
+    read_kept,
 )
 from toponav.reports.episodes import play_episodes
 from toponav.reports.exploration_evaluation import (
@@ -55,26 +56,17 @@ def _frontier(settings: ExploreConfig, world: World, *, play: bool) -> list[Row]
     """
     file = baselines_file(settings, world)
     file = file.with_name(f"{file.stem}-{FRONTIER}.json")
-    content, rows = baselines_content(settings, world), None
+    find, rows = partial(read_kept, file, settings, world, [FRONTIER]), None
     if not play:
-        return _find(file, content) or []
+        return find() or []
     with suppress(OSError), locked(file.with_name(f".{file.stem}.lock")):
         remove_halves_of(file)
-        if (rows := _find(file, content)) is None:
+        if (rows := find()) is None:
             rows, is_whole = _play(settings, world)
             if is_whole:
-                write_text(file, json.dumps({"of": content, "rows": rows}, indent=1))
+                content = {"of": baselines_content(settings, world), "rows": rows}
+                write_text(file, json.dumps(content, indent=1))
     return rows or _play(settings, world)[0]
-
-
-def _find(file: Path, content: dict[str, object]) -> list[Row] | None:
-    """The rows that were kept; ``None`` without any, or if the file is damaged."""
-    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        found = json.loads(file.read_text(encoding="utf-8"))
-        kept: list[Row] = found["rows"]
-        if found["of"] == content and len(kept) == content["episodes"]:
-            return kept
-    return None
 
 
 def _play(settings: ExploreConfig, world: World) -> tuple[list[Row], bool]:
