@@ -5,8 +5,9 @@
 Every case is made from its own number, so that one that fails can be run alone
 (``--only 17``). A third are layouts, a third command lines of the recipes, a third
 damaged files: maps and what lies beside them, networks, policies, practices,
-checkpoints and run folders. Recipes that start from finished runs get such, so that
-what is drawn decides. Each runs in a child process with a limit of time and memory, up
+checkpoints, run folders, and tables, reports, logs, copies of layouts and baselines of
+runs that are played first. Recipes that start from finished runs get such, so that what
+is drawn decides. Each runs in a child process with a limit of time and memory, up
 to where engines would start, and ends in one of these:
 
 * ``refused``: one sentence, and nothing is left; of a sweep (``-m``) with several

@@ -11,6 +11,7 @@ from fuzz_beside import beside_case
 from fuzz_cases import Case, require_same, same_value, taking_little
 from fuzz_damage import damage
 from fuzz_maps import map_case, nested_map_case
+from fuzz_runs import run_case
 from fuzz_settings import USUAL, run_recipe
 
 from toponav.builders import load_networks, make_networks, save_networks
@@ -55,7 +56,7 @@ SIZES = [
 
 
 def file_case(number: int, draw: random.Random, work: Path) -> Case:
-    """A map, a file beside it, networks, a checkpoint or a run folder, damaged."""
+    """A map, a file beside it, networks, a checkpoint, or what a run left, damaged."""
     # Drawn apart: the cases of other numbers are what they were before there were any.
     beside = random.Random(f"beside {number}")
     if beside.random() < 0.3:
@@ -64,6 +65,9 @@ def file_case(number: int, draw: random.Random, work: Path) -> Case:
     if inside.random() < 0.3:
         nested = [nested_networks_case, nested_map_case]
         return inside.choice(nested)(number, inside, work)
+    of_runs = random.Random(f"of runs {number}")
+    if of_runs.random() < 0.5:
+        return run_case(number, of_runs, work)
     makers = [map_case, map_case, networks_case, checkpoint_case, folder_case]
     return draw.choice(makers)(number, draw, work)
 

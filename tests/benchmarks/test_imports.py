@@ -8,7 +8,14 @@ from tests.benchmarks.loading import FOLDER, load_benchmark
 PARTS = (
     *("fault_files", "fault_kills", "fault_place", "fault_runs", "fault_together"),
     *("fuzz_beside", "fuzz_cases", "fuzz_damage", "fuzz_files", "fuzz_given"),
-    *("fuzz_layouts", "fuzz_maps", "fuzz_settings", "made_by", "sanity_games"),
+    *(
+        "fuzz_layouts",
+        "fuzz_maps",
+        "fuzz_runs",
+        "fuzz_settings",
+        "made_by",
+        "sanity_games",
+    ),
     "sanity_tasks",
 )
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
