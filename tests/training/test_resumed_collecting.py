@@ -150,11 +150,19 @@ def explore(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("reward=rnd", "reward.feature_dim=16"),
+        # What they keep has come round before the cut, and after it does so again.
+        ("reward=vime", "reward.hidden=4", "reward.capacity=100"),
+        ("reward=ex2", "reward.keep_fraction=1", "reward.capacity=100"),
+    ],
+)
 def test_a_run_whose_reward_learns_ends_as_if_it_had_not_been_cut(
-    tmp_path: Path,
+    words: tuple[str, ...], tmp_path: Path
 ) -> None:
-    words = ("reward=rnd", "reward.feature_dim=16", "collect.decisions=512")
-    config = explore_settings(*SMALL, *words)
+    config = explore_settings(*SMALL, *words, "collect.decisions=512")
     # Batches of 4 times 16 decisions; cut after the third, within an episode of 64.
     whole = explore(config, tmp_path / "whole", decisions=320)
     for decisions in (192, 320):

@@ -1,5 +1,6 @@
 """From trajectories in a replay buffer to the pairs that train TC- and L-network."""
 
+from toponav.data.compact_replay import CompactReplay as CompactReplay
 from toponav.data.episodes import Episodes as Episodes, find_episodes as find_episodes
 from toponav.data.held_out import HeldOut as HeldOut, PairSet as PairSet
 from toponav.data.pair_rules import LPairs as LPairs, TCPairs as TCPairs

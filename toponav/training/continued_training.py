@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from tqdm import tqdm
 
@@ -27,7 +27,13 @@ from toponav.builders import (
     make_device,
 )
 from toponav.config import ExploreConfig
-from toponav.data import EpisodeSampler, LPairs, SplitPairs, find_episodes
+from toponav.data import (
+    CompactReplay,
+    EpisodeSampler,
+    LPairs,
+    SplitPairs,
+    find_episodes,
+)
 from toponav.keys import ACTION, ANCHOR, EMBEDDING, OTHER, TRAJECTORY
 from toponav.objectives import LLoss
 from toponav.runs import write_history
@@ -162,7 +168,7 @@ class LocomotionFinetuner(Consumer):
         self.head = networks.locomotion.head
         self.check = check
         self.generator = torch.Generator().manual_seed(settings.seed)
-        self.buffer = TensorDictReplayBuffer(
+        self.buffer = CompactReplay(
             storage=LazyTensorStorage(config.memory),
             sampler=EpisodeSampler(LPairs(config.k)),
             transform=SplitPairs(EMBEDDING),
@@ -239,21 +245,13 @@ class LocomotionFinetuner(Consumer):
         """What was kept, the head before its training, and the state of the draws."""
         return {
             "head": self._start,
-            # A copy: the memory is as large as it may become.
-            "frames": self.buffer.storage[:].clone().to_dict() if self.buffer else {},
-            "writer": self.buffer.writer.state_dict(),
+            **self.buffer.state_dict(),
             "generator": self.generator.get_state(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        if "buffer" in state:  # of an earlier run, which kept all of the memory
-            self.buffer.load_state_dict(state["buffer"])
-        else:
-            frames = TensorDict(state["frames"]).auto_batch_size_(1)
-            self.buffer.empty()
-            if not frames.is_empty():
-                self.buffer.extend(frames)
-            self.buffer.writer.load_state_dict(state["writer"])
+        # Earlier runs kept the buffer's state under a name of its own.
+        self.buffer.load_state_dict(state.get("buffer", state))
         self.generator.set_state(state["generator"])
         # Earlier runs did not keep it.
         self._start = state.get("head", self._start)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data import LazyTensorStorage
 from torchrl.envs.transforms import Transform
 
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least, between
+from toponav.data import CompactReplay
 from toponav.keys import INTRINSIC_REWARD, SMALL_PIXELS, read_entry
 from toponav.methods.rewards.bonus_reward import BonusReward
 from toponav.methods.rewards.exemplars import AmortisedExemplars
@@ -52,7 +53,7 @@ class ExemplarTrainer:
         self.update_rate, self.pairs, self.kl_weight = update_rate, pairs, kl_weight
         self.keep_fraction = keep_fraction
         self.optimizer = torch.optim.Adam(exemplars.parameters(), lr=lr)
-        self.kept = TensorDictReplayBuffer(storage=LazyTensorStorage(capacity))
+        self.kept = CompactReplay(storage=LazyTensorStorage(capacity))
 
     def extend(self, observation: Tensor) -> dict[str, float]:
         """Fit the networks to observations, ``[N, *shape]``, then keep a part of them.

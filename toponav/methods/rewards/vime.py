@@ -7,12 +7,13 @@ import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data import LazyTensorStorage
 from torchrl.envs.transforms import Transform
 
 from toponav.actions import as_numbers
 from toponav.builders import Networks, RewardMethod, World
 from toponav.config import ExploreConfig, RewardConfig, above, at_least
+from toponav.data import CompactReplay
 from toponav.keys import ACTION, FRAME_STACK, INTRINSIC_REWARD, read_entry
 from toponav.methods.rewards.bonus_reward import BonusReward, batch_of
 from toponav.methods.rewards.grey_stack import GreyStack
@@ -171,7 +172,7 @@ class DynamicsTrainer:
         self.update_rate, self.minibatch = update_rate, minibatch
         self.prior_weight = prior_weight
         self.optimizer = torch.optim.Adam(dynamics.parameters(), lr=lr)
-        self.kept = TensorDictReplayBuffer(storage=LazyTensorStorage(capacity))
+        self.kept = CompactReplay(storage=LazyTensorStorage(capacity))
 
     def extend(self, before: Tensor, action: Tensor, after: Tensor) -> dict[str, float]:
         """Keep N decisions, fit the model, and count the median of their gains.
