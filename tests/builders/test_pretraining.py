@@ -3,6 +3,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+import torch
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from tests.composed import settings
@@ -78,6 +79,60 @@ def test_a_layout_that_was_edited_gets_a_pretraining_of_its_own(
     assert (tmp_path / "noted").read_text() == 2 * "maze=file\n"
     assert folders[0] == folders[1] != folders[2]
     assert [one.name.rpartition("-")[0] for one in folders] == 3 * ["ring-smoke"]
+
+
+def test_what_the_overrides_name_is_told_by_its_content(tmp_path: Path) -> None:
+    layout, other = tmp_path / "ring.txt", tmp_path / "other.txt"
+    model = explore_settings().model
+    other.write_text(RING)
+
+    def name(*words: str) -> str:
+        given = ",".join(f"'{word}'" for word in words)
+        config = explore_settings("maze=maze1", f"pretraining.overrides=[{given}]")
+        return pretraining_folder(config).name
+
+    lines = [
+        ("maze=file", f"maze.path={layout}"),
+        ("maze.name=file", f"maze.path={layout}"),
+        ("mazes=[maze1,file]", f"maze.path={layout}"),
+        (f"init_from={tmp_path}",),
+        (f"init_from={tmp_path}/networks.pt",),
+    ]
+    before, after = [], []
+    for seed, found in enumerate((before, before, after)):
+        layout.write_text(RING if found is before else RING.replace("* *a*", "*  a*"))
+        if seed != 1:
+            torch.manual_seed(seed)
+            save_networks(make_networks(model, WORLD), tmp_path / "networks.pt")
+        found.append([name(*words) for words in lines])
+    assert before[0] == before[1]
+    keys = [*before[0], *after[0]]
+    assert len(set(keys)) == len(keys)
+    assert keys[0].startswith("ring-smoke-")
+    # A run that is gone, and a package's.
+    assert name("init_from=gone") != name("init_from=package:maze3")
+
+
+def test_keys_of_earlier_versions_are_still_valid() -> None:
+    names = {
+        "maze=maze3": "maze3-smoke-6499dfce",
+        "pretraining.maze=select": "select-smoke-a4a08db9",
+        "pretraining.overrides=['train.updates=7']": "maze3-smoke-7252f14a",
+    }
+    for word, name in names.items():
+        maze = "maze=maze1" if name.startswith("select") else "maze=maze3"
+        config = settings("explore", "scale=smoke", maze, word)
+        assert isinstance(config, ExploreConfig)
+        assert pretraining_folder(config).name == name
+
+
+@pytest.mark.parametrize("word", ["maze=select", "maze.name=select"])
+def test_a_maze_in_the_overrides_is_the_one_to_pretrain_in(word: str) -> None:
+    words = f"pretraining.overrides=['{word}']"
+    config = explore_settings("maze=maze1", "maze.blocked=[a]", words)
+    found = settings("pretrain", *pretraining_overrides(config))
+    assert isinstance(found, PretrainConfig)
+    assert (found.maze.name, found.maze.blocked) == ("select", [])
 
 
 def test_a_layout_whose_name_has_an_apostrophe_is_pretrained_in(

@@ -141,14 +141,24 @@ def pretraining_folder(config: ExploreConfig) -> Path:
     # Keys of earlier versions, which knew nothing else, are still valid.
     only = (f"engine={DEFAULT_ENGINE}", "pairs.locomotion_exact=false")
     content = [word for word in content if word not in only]
-    if maze.name == "file" and config.world.name == "maze":
-        # A file may change under the same path.
-        content.append(make_layout(maze).text)
-    key = settings_key(content)
+    key = settings_key([*content, *_read_content(config)])
     label = config.world.label
     if config.world.name == "maze":
         label = maze_label(maze.name, maze.path)
     return Path(config.pretraining.folder) / f"{label}-{config.pretraining.scale}-{key}"
+
+
+def _read_content(config: ExploreConfig) -> Iterator[str]:
+    """What is in the files of a pre-training: one may change under the same path."""
+    maze, given = pretraining_maze(config), config.pretraining.given()
+    if config.world.name == "maze" and "file" in (given.get("mazes") or [maze.name]):
+        yield make_layout(replace(maze, name="file")).text
+    if start := given.get("init_from"):
+        path = networks_path(str(start), "init_from")
+        file = path / NETWORKS_FILE if path.is_dir() else path
+        # A run that is resumed needs them no more.
+        if file.is_file():
+            yield hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def settings_key(content: object) -> str:
@@ -163,10 +173,13 @@ def settings_key(content: object) -> str:
 
 def pretraining_maze(config: ExploreConfig) -> MazeConfig:
     """The maze of the pre-training: another one has no slots of the same names."""
-    name = config.pretraining.maze
-    if name is None or name == config.maze.name:
-        return config.maze
-    return replace(config.maze, name=name, path=None, blocked=[])
+    given, maze = config.pretraining.given(), config.maze
+    chosen = given.get("maze", config.pretraining.maze)
+    name = str(given.get("maze.name", chosen) or maze.name)
+    path = given.get("maze.path", maze.path if name == maze.name else None)
+    blocked = maze.blocked if name == maze.name else []
+    path = None if path is None else str(path)
+    return replace(maze, name=name, path=path, blocked=blocked)
 
 
 def pretraining_overrides(config: ExploreConfig) -> list[str]:

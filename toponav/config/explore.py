@@ -1,7 +1,10 @@
 """The schema of ``recipes/explore.py``."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import MISSING
 
 from toponav.config.checks import (
@@ -9,6 +12,7 @@ from toponav.config.checks import (
     MOST_PAIRS,
     MOST_THREADS,
     Settings,
+    SettingsError,
     a_seed,
     above,
     at_least,
@@ -156,6 +160,28 @@ class PretrainingConfig(Settings):
     seed: int = a_seed()
     folder: str = MISSING
     overrides: list[str] = MISSING
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.given()
+
+    def given(self) -> dict[str, Any]:
+        """Names and values of the settings in `overrides`, the last value of each.
+
+        Raises:
+            SettingsError: if one of the words is no setting with one value.
+        """
+        read: dict[str, Any] = {}
+        rule = "pretraining.overrides must hold words such as train.lr=0.001"
+        for word in self.overrides:
+            try:
+                (one,) = OverridesParser.create().parse_overrides([word])
+            except HydraException as error:
+                raise SettingsError(f"{rule}, got '{word}'") from error
+            good = bool(one.key_or_group) and not one.is_sweep_override()
+            require(good, rule, f"'{word}'")
+            read[one.key_or_group] = one.value()
+        return read
 
 
 @dataclass
