@@ -30,7 +30,7 @@ import torch
 
 from toponav import builders, methods, reports, training
 from toponav.config import ExploreConfig
-from toponav.launch import recipe
+from toponav.launch import recipe, require_pretraining
 from toponav.runs import stop_requests
 
 PRETRAIN = Path(__file__).with_name("pretrain.py")
@@ -39,6 +39,7 @@ PRETRAIN = Path(__file__).with_name("pretrain.py")
 @recipe("explore")
 def main(settings: ExploreConfig, folder: Path) -> None:
     """Find networks if they are needed, explore, evaluate."""
+    require_pretraining(settings, folder)
     schedule = reports.explore_schedule(settings, folder)
     builders.prepare_process(threads=settings.threads)
     builders.require_cluster(settings)

@@ -61,6 +61,44 @@ def test_a_refused_run_in_the_working_directory_leaves_it_as_it_was(
     assert files(tmp_path) == ["mine"]
 
 
+TAKES = "must be settings that pretrain takes:"
+WHOLE = f"pretraining.overrides {TAKES}"
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        ("overrides=['train.lr=-1']", f"{WHOLE} train.lr must be above 0, got -1.0"),
+        ("overrides=['train.foo=1']", f"{WHOLE} 'train.foo' must be a setting of pret"),
+        ("overrides=['+train.foo=1']", f"{WHOLE} 'train.foo' must be a setting of pre"),
+        (
+            "overrides=['maze.blocked=[z]']",
+            f"{WHOLE} maze: blocked slots must be",
+        ),
+        ("overrides=['init_from=no']", f"{WHOLE} init_from must name a run with no, g"),
+        (
+            "overrides=['train.lr']",
+            "pretraining.overrides must hold words such as",
+        ),
+        (
+            "scale=no",
+            "pretraining must be settings that pretrain takes: scale must be ",
+        ),
+        (
+            "maze=file",
+            "pretraining must be settings that pretrain takes: maze.path mus",
+        ),
+    ],
+)
+def test_a_pretraining_that_would_be_refused_is_one_sentence_and_leaves_nothing(
+    tmp_path: Path, word: str, sentence: str
+) -> None:
+    done = run_forked("explore", "scale=smoke", f"pretraining.{word}", cwd=tmp_path)
+    assert done.stderr.startswith(f"explore: {sentence}")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert files(tmp_path) == []
+
+
 @pytest.mark.parametrize("seeds", ["0", "0,1"])
 def test_a_sweep_whose_jobs_are_all_refused_says_so_once_each_and_leaves_nothing(
     tmp_path: Path, seeds: str

@@ -117,6 +117,13 @@ def test_large_numbers_that_tensors_hold_are_taken() -> None:
     settings("explore", "loss.critic_coeff=1e30", "loss.lr=1e30")
 
 
+@pytest.mark.parametrize("word", ["train.lr", "train.lr=[", "train.lr=1,2", "=3", "-m"])
+def test_a_word_of_the_pretraining_that_gives_no_setting_a_value(word: str) -> None:
+    said = refusal_of(f"explore pretraining.overrides=['{word}']")
+    rule = "pretraining.overrides must hold words such as train.lr=0.001"
+    assert said == f"{rule}, got '{word}'"
+
+
 @pytest.mark.parametrize("recipe", ["explore", "pretrain"])
 def test_mined_pairs_are_at_least_one_of_each_kind(recipe: str) -> None:
     said = refusal_of(f"{recipe} pairs.per_update=1")

@@ -1,4 +1,7 @@
+import os
+import shutil
 import sys
+import threading
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -235,6 +238,46 @@ def test_one_that_was_cut_off_goes_on(config: ExploreConfig, tmp_path: Path) -> 
     first, second = (tmp_path / "noted").read_text().split()
     assert first == "maze=maze3"
     assert second.startswith(f"resume='{tmp_path}/pretrain/maze3-smoke-")
+
+
+def test_one_that_is_refused_leaves_nothing(
+    config: ExploreConfig, tmp_path: Path
+) -> None:
+    # The recipe's log and settings, beside the lock of this run.
+    rest = "(folder / 'config').mkdir(); (folder / 'pretrain.log').touch(); sys.exit(2)"
+    script = write_script(tmp_path, rest)
+    with pytest.raises(SettingsError, match="must have settings that it takes, got"):
+        prepare_networks(config, world_of(config), tmp_path / "run", script)
+    assert list((tmp_path / "pretrain").iterdir()) == []
+    # One that went on from a checkpoint keeps it.
+    folder = pretraining_folder(config)
+    folder.mkdir()
+    (folder / "checkpoint.pt").touch()
+    script = write_script(tmp_path, "sys.exit(2)")
+    with pytest.raises(SettingsError, match="must have settings that it takes, got"):
+        prepare_networks(config, world_of(config), tmp_path / "run", script)
+    assert (folder / "checkpoint.pt").is_file()
+
+
+def test_who_waited_for_one_that_was_refused_has_a_folder_and_its_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, opened, held = tmp_path / "pretrain", threading.Event(), []
+
+    def wait() -> None:
+        with pretraining._alone_in(folder) as lock:
+            there = os.fstat(lock.fileno())
+            held.append(os.path.samestat(there, (folder / ".lock").stat()))
+
+    # It looks for engines of others after each time that it did not get the lock.
+    monkeypatch.setattr(pretraining, "end_stray_engines", opened.set)
+    waiting = threading.Thread(target=wait)
+    with pretraining._alone_in(folder):
+        waiting.start()
+        assert opened.wait(10)
+        shutil.rmtree(folder)
+    waiting.join(10)
+    assert held == [True]
 
 
 @pytest.mark.slow

@@ -79,6 +79,7 @@ from toponav.builders.pretraining import (
     prepare_networks as prepare_networks,
     pretraining_decisions as pretraining_decisions,
     pretraining_folder as pretraining_folder,
+    pretraining_overrides as pretraining_overrides,
     settings_key as settings_key,
 )
 from toponav.builders.processes import (

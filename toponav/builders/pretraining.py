@@ -32,16 +32,20 @@ from toponav.config import (
     ExploreConfig,
     MazeConfig,
     Settings,
+    SettingsError,
     TrainingError,
     maze_label,
     read_yaml,
+    require,
 )
 from toponav.envs import DEFAULT_ENGINE, end_stray_engines
-from toponav.runs import CHECKPOINT_FILE, IdleWatch
+from toponav.runs import CHECKPOINT_FILE, IdleWatch, is_at, remove_unused
 
 _WAIT_S = 20
 # Seconds without any processor time after which a pre-training hangs.
 _IDLE_S = 600.0
+# Exit status of a recipe that was refused, by a sentence that it printed.
+_REFUSED = 2
 
 
 def prepare_networks(
@@ -60,7 +64,8 @@ def prepare_networks(
     variables of ``environment``.
 
     Raises:
-        SettingsError: if ``pretrained`` names no usable networks.
+        SettingsError: if ``pretrained`` names no usable networks, or the pre-training
+            refuses its settings.
         TrainingError: if the pre-training fails.
     """
     load = partial(load_networks, world=world.spec)
@@ -89,7 +94,6 @@ def pretrain(
     if (folder / NETWORKS_FILE).is_file():
         tqdm.write(f"networks of {folder}")
         return folder
-    folder.mkdir(parents=True, exist_ok=True)
     with _alone_in(folder) as lock:
         if (folder / NETWORKS_FILE).is_file():  # another run's, meanwhile
             return folder
@@ -98,7 +102,11 @@ def pretrain(
             arguments = [f"resume={_in_hydra(str(folder))}"]
         else:
             arguments = [*overrides, f"hydra.run.dir={_in_hydra(str(folder))}"]
-        _run([sys.executable, str(script), *arguments], lock, environment)
+        try:
+            _run([sys.executable, str(script), *arguments], lock, environment)
+        except SettingsError:
+            remove_unused(folder, {".lock", "config", f"{script.stem}.log"})
+            raise
     if not (folder / NETWORKS_FILE).is_file():
         raise TrainingError(
             f"pre-training must end with networks, got none in {folder}"
@@ -221,18 +229,27 @@ def _in_hydra(value: object) -> str:
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[IO[str]]:
     """Hold the folder's lock; it falls with the last process that has it open."""
-    with (folder / ".lock").open("w") as lock:
-        for attempt in count():
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                if attempt == 1:
-                    tqdm.write(f"waiting for another run that pre-trains in {folder}")
-                # Engines have it open too, and outlive a pre-training that is killed.
-                end_stray_engines()
-                time.sleep(min(attempt, 1))
-        yield lock
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / ".lock").open("w") as lock:
+            _wait_for(lock, folder)
+            # Who had it may have been refused, and have removed it with the folder.
+            if is_at(folder / ".lock", lock):
+                yield lock
+                return
+
+
+def _wait_for(lock: IO[str], folder: Path) -> None:
+    for attempt in count():
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if attempt == 1:
+                tqdm.write(f"waiting for another run that pre-trains in {folder}")
+            # Engines have it open too, and outlive a pre-training that is killed.
+            end_stray_engines()
+            time.sleep(min(attempt, 1))
 
 
 def _run(command: list[str], lock: IO[str], environment: Mapping[str, str]) -> None:
@@ -257,5 +274,7 @@ def _run(command: list[str], lock: IO[str], environment: Mapping[str, str]) -> N
         except subprocess.TimeoutExpired:
             process.kill()
         raise
+    rule = "pre-training must have settings that it takes"
+    require(status != _REFUSED, rule, f"exit status {status}")
     if status:
         raise TrainingError(f"pre-training must end well, got exit status {status}")

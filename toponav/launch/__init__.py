@@ -6,3 +6,4 @@ from toponav.launch.arguments import (
     resumed_arguments as resumed_arguments,
 )
 from toponav.launch.jobs import recipe as recipe
+from toponav.launch.pretraining import require_pretraining as require_pretraining

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import ListConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from toponav.config import RECIPES, SettingsError, read_yaml, require
 from toponav.methods import METHODS
-from toponav.refusals import leaves, settings_of
+from toponav.refusals import leaves, methods_of, settings_of, unknown_setting
 
 #: Most bytes of the name of a sweep's folder; file systems allow 255.
 _LONGEST_NAME = 200
@@ -113,6 +113,28 @@ def require_own_subdir(arguments: Sequence[str], conf: Path) -> None:
             given = "null" if value is None else f"'{value}'"
             rule = f"{name} must be '{own}', where a run keeps its settings"
             require(value == own, rule, "several" if several else given)
+
+
+def require_known(cfg: DictConfig, words: Sequence[str], recipe: str) -> None:
+    """Refuse settings that a recipe does not have, or not in its world.
+
+    Args:
+        cfg: what Hydra composed.
+        words: the command line.
+        recipe: a key of ``RECIPES``.
+
+    Raises:
+        SettingsError: that names the first one.
+    """
+    world = OmegaConf.select(cfg, "world.name", default="maze")
+    for word in words:
+        key = word.lstrip("+~").partition("=")[0]
+        of_maze = re.match(r"(maze|engine|pretraining\.maze)\b", key)
+        good = world == "maze" or not of_maze
+        require(good, f"'{key}' must go with world=maze", f"world={world}")
+    for key in leaves(OmegaConf.to_container(cfg)):
+        if unknown := unknown_setting(key, recipe, methods_of(cfg)):
+            raise SettingsError(unknown)
 
 
 def named_folder(arguments: list[str], name: str) -> list[str]:

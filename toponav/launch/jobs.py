@@ -23,6 +23,7 @@ from toponav.interrupts import catch_as_usual, ignore_signals
 from toponav.launch.arguments import (
     folder_name,
     named_folder,
+    require_known,
     require_own_subdir,
     resumed_arguments,
 )
@@ -37,7 +38,7 @@ from toponav.launch.folders import (
     save_whole,
 )
 from toponav.methods import register
-from toponav.refusals import REFUSALS, leaves, methods_of, sentence_of, unknown_setting
+from toponav.refusals import REFUSALS, sentence_of
 from toponav.runs import (
     keep_draws,
     log_uniform,
@@ -164,20 +165,12 @@ def _run_job(
     folder = Path(job.runtime.output_dir)
     # A recipe without settings in its folder writes beside the runs of others.
     own = None if job.output_subdir is None else folder / job.output_subdir
-    world = OmegaConf.select(cfg, "world.name", default="maze")
     words: Any = OmegaConf.to_container(job.overrides.task)
     try:
         # The lock comes first: without it a run must not remove the folder.
         with job_lock(own):
             try:
-                for word in words:
-                    key = word.lstrip("+~").partition("=")[0]
-                    of_maze = re.match(r"(maze|engine|pretraining\.maze)\b", key)
-                    good = world == "maze" or not of_maze
-                    require(good, f"'{key}' must go with world=maze", f"world={world}")
-                for key in leaves(OmegaConf.to_container(cfg)):
-                    if unknown := unknown_setting(key, name, methods_of(cfg)):
-                        raise SettingsError(unknown)
+                require_known(cfg, words, name)
                 if own is not None:
                     setting = folder_setting(words, sweep=is_sweep())
                     require_room(folder, setting, _LEAST_MB)

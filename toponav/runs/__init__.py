@@ -25,6 +25,7 @@ from toponav.runs.locks import (
     CONTINUES as CONTINUES,
     StoppedError as StoppedError,
     alone_in as alone_in,
+    is_at as is_at,
     locked as locked,
     remove_empty as remove_empty,
     remove_unused as remove_unused,

@@ -33,18 +33,18 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
         with path.open("w") as file:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             # Who held it before has removed it, and its name may be another file's.
-            if not _is_at(path, file):
+            if not is_at(path, file):
                 continue
             try:
                 yield
             finally:
                 # While it is held, or the next one's would be removed.
-                if _is_at(path, file):
+                if is_at(path, file):
                     path.unlink()
             return
 
 
-def _is_at(path: Path, file: IO[str]) -> bool:
+def is_at(path: Path, file: IO[str]) -> bool:
     """Whether an open file still has this path."""
     try:
         return os.path.samestat(path.stat(), os.fstat(file.fileno()))
