@@ -87,6 +87,10 @@ def test_a_finished_run_comes_before_one_that_was_cut_off(tmp_path: Path) -> Non
     (done / "networks.pt").touch()
     assert is_finished(done)
     assert find_keys(tmp_path)[run_key("explore", {"seed": 0})] == done
+    # A damaged number of its settings says nothing of what it was to learn from.
+    for damaged in ({"train": {"updates": "8x"}}, {"collect": {"decisions": "8x"}}):
+        save(tmp_path / "b", damaged)
+        assert not is_finished(done)
 
 
 def test_one_that_was_cut_off_hides_no_finished_one_with_a_map(tmp_path: Path) -> None:

@@ -100,7 +100,14 @@ def test_what_networks_learned_from_is_kept_with_the_run(
     lose([cell, replace(cell, folder=pretrained)])
     assert decisions_before(cell) == 4096
     # A damaged one is as good as none.
-    for text in ("[" * 100_000, "", "[]", '{"decisions": null}', "{}"):
+    for text in (
+        "[" * 100_000,
+        "",
+        "[]",
+        '{"decisions": null}',
+        "{}",
+        f'{{"decisions": 1{400 * "0"}}}',
+    ):
         (cell.kept / "decisions_before.json").write_text(text)
         assert math.isnan(decisions_before(cell))
 

@@ -31,7 +31,8 @@ def decisions_before(cell: Cell) -> float:
         return 0.0
     if cell.kept is not None:
         # A damaged file is as good as none.
-        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+        damaged = (ValueError, KeyError, TypeError, RecursionError, OverflowError)
+        with suppress(OSError, *damaged):
             return float(json.loads((cell.kept / _FILE).read_text())["decisions"])
     config, first = explore_settings(cell), cell.first
     if not REWARDS[config.reward.name].needs_networks and not config.pretrained:

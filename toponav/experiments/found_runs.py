@@ -168,15 +168,21 @@ def _is_over(folder: Path) -> bool:
     One that goes on with more has the results of less.
     """
     config = read_yaml(folder / "config" / "config.yaml")
-    updates: float | None = OmegaConf.select(config, "train.updates")
+    updates = _number(config, "train.updates")
     if updates is not None:
         return _last(folder, "update") >= updates
-    minutes = OmegaConf.select(config, "collect.minutes")
+    minutes = _number(config, "collect.minutes")
     # Of the seconds the table has six digits.
     if minutes is not None and _last(folder, "seconds") >= 59.999 * minutes:
         return True
-    wanted: float = OmegaConf.select(config, "collect.decisions", default=0)
-    return decisions_of(folder) >= wanted
+    return decisions_of(folder) >= (_number(config, "collect.decisions") or 0)
+
+
+def _number(config: DictConfig, name: str) -> float | None:
+    found = OmegaConf.select(config, name)
+    if found is not None and not isinstance(found, int | float):
+        raise BrokenRunError(f"has no number as {name} in its settings")
+    return found
 
 
 def decisions_of(folder: Path) -> float:
