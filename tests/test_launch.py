@@ -155,6 +155,16 @@ def test_settings_that_cannot_be_written_leave_the_former_ones(tmp_path: Path) -
     assert {one.name for one in folder.iterdir()} == {"config.yaml", "hydra.yaml"}
 
 
+@pytest.mark.parametrize("given", ["3", "null", "true", "[1,2]", "{a: 1}"])
+def test_what_is_no_name_of_a_group_is_one_sentence(tmp_path: Path, given: str) -> None:
+    done = run_forked("tour", "scale=smoke", f"maze={given}", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("tour: maze must be one of file, maze1, maze2, ")
+    assert f"got '{given}'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 def test_a_process_of_its_own_ends_with_one_sentence(tmp_path: Path) -> None:
     """What other tests see in a fork of theirs."""

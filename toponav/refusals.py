@@ -68,7 +68,7 @@ def _refusal(error: Exception, name: str) -> str:
     # The innermost message first: Hydra wraps what OmegaConf says.
     causes = [one.__cause__ for one in reversed(errors) if one.__cause__]
     text = "\n".join(str(one) for one in (*causes, error))
-    if found := re.search(r"Could not find '(\S+)/(\S+)'", text):
+    if found := re.search(r"Could not find '(\S+)/([^'\n]+)'", text):
         group, given = found.groups()
         # The group of a recipe's own scales, which is chosen by this word.
         group = "scale" if group == name else group

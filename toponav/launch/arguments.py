@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from toponav.config import RECIPES, SettingsError, read_yaml, require
@@ -85,6 +86,39 @@ def resumed_arguments(arguments: list[str], recipe: str) -> list[str]:
         require(not is_other, rule, f"'{word}'")
     kept = [word for word in first + arguments if not word.startswith("resume=")]
     return [*kept, *(f"{key}={_quoted(folder)}" for key in ("resume", "hydra.run.dir"))]
+
+
+def quote_names(arguments: Sequence[str], conf: Path) -> list[str]:
+    """The command line with other values of groups of settings as names in quotes.
+
+    Hydra refuses a name that a group does not have in a sentence, and what is no name,
+    such as ``maze=3``, with a traceback.
+
+    Args:
+        arguments: the command line.
+        conf: the folder of the groups.
+
+    Examples:
+        >>> quote_names(["seed=3", "maze=3", "-m", "loss=ppo,7"], Path("conf"))
+        ['seed=3', "maze='3'", '-m', "loss='ppo','7'"]
+    """
+    words = list(arguments)
+    for number, word in enumerate(words):
+        group, equals, given = word.partition("=")
+        if not equals or not (conf / group.lstrip("+~")).is_dir():
+            continue
+        try:
+            (one,) = OverridesParser.create().parse_overrides([word])
+        except HydraException:  # which is told elsewhere
+            continue
+        is_sweep = one.is_choice_sweep()
+        if one.is_sweep_override() and not is_sweep:
+            continue
+        values = list(one.sweep_iterator()) if is_sweep else [one.value()]
+        if not all(isinstance(value, str) for value in values):
+            parts = given.split(",") if is_sweep else [given]
+            words[number] = f"{group}=" + ",".join(_quoted(part) for part in parts)
+    return words
 
 
 def require_own_subdir(arguments: Sequence[str], conf: Path) -> None:

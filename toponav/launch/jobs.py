@@ -23,6 +23,7 @@ from toponav.interrupts import catch_as_usual, ignore_signals
 from toponav.launch.arguments import (
     folder_name,
     named_folder,
+    quote_names,
     require_known,
     require_own_subdir,
     resumed_arguments,
@@ -118,6 +119,7 @@ def recipe(
                 if first:
                     arguments = named_folder(arguments, first)
                 require_own_subdir(arguments, conf / f"{name}.yaml")
+                arguments = quote_names(arguments, conf)
                 sys.argv[1:] = resumed_arguments(arguments, name)
                 with refusing_folders(sys.argv[1:], lambda: bool(jobs)):
                     start()
