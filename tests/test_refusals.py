@@ -124,6 +124,17 @@ def test_a_word_of_the_pretraining_that_gives_no_setting_a_value(word: str) -> N
     assert said == f"{rule}, got '{word}'"
 
 
+@pytest.mark.parametrize(
+    "word", ["model=resnet18", "resume=runs/a", "scale=paper", "hydra.run.dir=a"]
+)
+def test_a_pretraining_gets_some_settings_from_its_exploration(word: str) -> None:
+    """Its model came after the word, and hid it; with a resume nothing else counts."""
+    assert refusal_of(f"explore pretraining.overrides=['{word}']") == (
+        "pretraining.overrides must not hold model, world, scale, resume or hydra.*, "
+        f"which are the exploration's, got '{word}'"
+    )
+
+
 @pytest.mark.parametrize("recipe", ["explore", "pretrain"])
 def test_mined_pairs_are_at_least_one_of_each_kind(recipe: str) -> None:
     said = refusal_of(f"{recipe} pairs.per_update=1")

@@ -36,6 +36,8 @@ from toponav.config.groups import (
 MOST_AROUND = 8192
 #: Largest LSTM: a layer of so many units has 8.6 GB of weights.
 _MOST_HIDDEN, _MOST_LAYERS = 16_384, 64
+#: Of the command line of a pre-training, what says where and of what it is one.
+_OWN = ("model", "world", "scale", "resume")
 #: Most episodes of a policy, all of whose tables are kept in memory.
 _MOST_EPISODES = 100_000
 
@@ -169,7 +171,8 @@ class PretrainingConfig(Settings):
         """Names and values of the settings in `overrides`, the last value of each.
 
         Raises:
-            SettingsError: if one of the words is no setting with one value.
+            SettingsError: if one of the words is no setting with one value, or one
+                that an exploration gives to its pre-training.
         """
         read: dict[str, Any] = {}
         rule = "pretraining.overrides must hold words such as train.lr=0.001"
@@ -180,6 +183,9 @@ class PretrainingConfig(Settings):
                 raise SettingsError(f"{rule}, got '{word}'") from error
             good = bool(one.key_or_group) and not one.is_sweep_override()
             require(good, rule, f"'{word}'")
+            own = one.key_or_group in _OWN or one.key_or_group.startswith("hydra.")
+            rest = f"pretraining.overrides must not hold {', '.join(_OWN)} or hydra.*"
+            require(not own, f"{rest}, which are the exploration's", f"'{word}'")
             read[one.key_or_group] = one.value()
         return read
 
