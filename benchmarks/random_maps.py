@@ -29,7 +29,7 @@ from toponav.config import ExploreConfig, maze_label
 from toponav.keys import DONE, ENV_ID, IS_INIT, REWARD
 from toponav.methods import make_world
 from toponav.policies import RandomPolicy
-from toponav.training.map_growth import MapGrowth
+from toponav.training import MapGrowth
 from toponav.transforms import AreaDownsample, EmbedViews
 
 
