@@ -15,8 +15,9 @@ from toponav.config import SettingsError
 OTHER_WEIGHTS: dict[str, tuple[Callable[[torch.Tensor], object], str]] = {
     "nan": (lambda one: one.fill_(torch.nan), "NaN or infinity in "),
     "infinite": (lambda one: one + torch.inf, "NaN or infinity in "),
+    "double": (lambda one: one.double(), "is torch.float64 "),
     # Infinite once it is rounded.
-    "double": (lambda one: one.double() + 1e300, "is torch.float64 "),
+    "too large": (lambda one: one.double() + 1e300, "NaN or infinity in "),
     "whole": (lambda one: one.long(), "is torch.int64 "),
     "half": (lambda one: one.half(), "is torch.float16 "),
     "complex": (lambda one: one + 0j, "no plain numbers in "),

@@ -139,10 +139,10 @@ def test_a_policy_larger_than_its_file_takes_no_memory(
     run = train(tmp_path / "rival", "nav_a3c")
     file = run / "config" / "config.yaml"
     saved = OmegaConf.load(file)
-    saved.policy.hidden = 10**6  # terabytes
+    saved.policy.hidden = 16_000  # gigabytes
     OmegaConf.save(saved, file)
     config = navigate_settings(folder, f"evaluate.trained=[rival:{run}]")
     rule = "^navigator.policy must name a policy saved with the same "
-    rule += r"settings, got .*policy.pt \(.* is torch.float32 .*, not .*1000000"
+    rule += r"settings, got .*policy.pt \(.* is torch.float32 .*, not .*16000"
     with pytest.raises(SettingsError, match=rule):
         make_policies(config, *explored)
