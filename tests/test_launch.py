@@ -165,6 +165,12 @@ def test_what_is_no_name_of_a_group_is_one_sentence(tmp_path: Path, given: str) 
     assert not list(tmp_path.iterdir())
 
 
+def test_what_chooses_a_learner_by_the_scale_is_none(tmp_path: Path) -> None:
+    done = run_forked("explore", "scale=smoke", "loss=foo", cwd=tmp_path)
+    rule = "loss must be one of a3c, dqn, drqn, nav_a3c, nav_a3c_d2l, ppo, trpo, got"
+    assert done.stderr.startswith(f"explore: {rule} 'foo'")
+
+
 @pytest.mark.slow
 def test_a_process_of_its_own_ends_with_one_sentence(tmp_path: Path) -> None:
     """What other tests see in a fork of theirs."""

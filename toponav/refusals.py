@@ -73,9 +73,14 @@ def _refusal(error: Exception, name: str) -> str:
         # The group of a recipe's own scales, which is chosen by this word.
         group = "scale" if group == name else group
         options = re.findall(r"^\t(\S+)$", text, re.MULTILINE)
-        # Base files are no choices; "run" is navigate's own default.
+        # Base files are no choices; "run" is navigate's own default. What chooses a
+        # method by the scale is no method.
         parts = re.compile(r"base|schema|run|\w+_schema")
-        choices = [option for option in options if not parts.fullmatch(option)]
+        choices = [
+            option
+            for option in options
+            if not parts.fullmatch(option) and option in METHODS.get(group, options)
+        ]
         rule = f"{group} must be one of {', '.join(choices)}"
         if group == "hydra/launcher" and given in _LAUNCHERS:
             extra = f"pip install 'toponav[{_LAUNCHERS[given]}]'"
