@@ -7,6 +7,19 @@ from pathlib import Path
 import yaml
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def make_folder(folder: Path, *names: str) -> dict[str, bytes]:
+    """A run folder with these files; what is in it."""
+    (folder / "config").mkdir(parents=True)
+    for name in ("config/overrides.yaml", "config/config.yaml", *names):
+        (folder / name).write_text("[]\n" if "overrides" in name else "{}\n")
+    return files_of(folder)
+
+
 def make_run(sweep: Path, recipe: str, *words: str, seed: int = 0) -> Path:
     """A folder with what Hydra writes: the settings, and which recipe it was."""
     words = (*words, f"seed={seed}")

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.forked import ROOT
+from tests.sweeps import files_of, make_folder
 
 
 def needs(launcher: str, extra: str) -> pytest.MarkDecorator:
@@ -64,6 +65,21 @@ def test_a_job_that_is_refused_says_so_and_the_others_go_on(
     assert "blocked slots must be slots of maze1 (a, b), got 'z'" in done.stderr
     (made,) = (tmp_path / "sweep").rglob("plan.png")
     assert "blocked=a" in made.parent.name
+
+
+@pytest.mark.slow
+@by_each
+def test_a_refused_job_leaves_the_settings_of_the_run_that_has_its_folder(
+    launcher: tuple[str, ...], tmp_path: Path
+) -> None:
+    folder = tmp_path / "sweep" / "0"
+    kept = make_folder(folder, "walk.gif", "config/hydra.yaml", "tour.log")
+    words = [*launcher, "hydra.sweep.dir=sweep", "hydra.sweep.subdir=${seed}"]
+    words += [f"{RAY_RUNS}=1"] * (launcher is RAY)
+    done = run("tour", *words, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "must name a folder without results of another run" in done.stderr
+    assert files_of(folder) == kept
 
 
 @pytest.mark.slow

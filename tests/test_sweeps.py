@@ -9,6 +9,7 @@ import yaml
 from omegaconf import OmegaConf
 
 from tests.forked import run_forked
+from tests.sweeps import files_of, make_folder
 from toponav.config import SettingsError
 from toponav.launch import folders, jobs
 from toponav.launch.folders import save_whole
@@ -34,19 +35,6 @@ def test_a_run_has_its_folder_to_itself(tmp_path: Path) -> None:
     done = tour(tmp_path, "hydra.run.dir=run")
     assert done.returncode == 0, done.stderr
     assert not list(tmp_path.rglob("*.lock"))
-
-
-def files_of(folder: Path) -> dict[str, bytes]:
-    files = [path for path in folder.rglob("*") if path.is_file()]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
-
-def make_folder(folder: Path, *names: str) -> dict[str, bytes]:
-    """A run folder with these files; what is in it."""
-    (folder / "config").mkdir(parents=True)
-    for name in ("config/overrides.yaml", "config/config.yaml", *names):
-        (folder / name).write_text("[]\n" if "overrides" in name else "{}\n")
-    return files_of(folder)
 
 
 @pytest.mark.slow

@@ -72,6 +72,16 @@ class Replaced:
         return OrderedDict, (), {"items": 5}
 
 
+class Keyed:
+    """A dictionary with a key that takes long to compare, and is not when written."""
+
+    def __init__(self, depth: int) -> None:
+        self.key = doubled(depth, lambda one: (one, one))
+
+    def __reduce__(self) -> tuple[type, tuple[object]]:
+        return OrderedDict, ([(self.key, 1)],)
+
+
 #: Entries of a file whose checksums fit, and what is said of it. Without a limit those
 #: that double take seconds: 40 levels would take days.
 CRAFTED: dict[str, tuple[Callable[[], dict[str, object]], str]] = {
@@ -84,6 +94,7 @@ CRAFTED: dict[str, tuple[Callable[[], dict[str, object]], str]] = {
         lambda: {"kind": doubled(25, lambda one: [one, one])},
         "entries inside each other",
     ),
+    "doubled key": (lambda: {"a": Keyed(27)}, "tuples inside each other"),
     "kind": (lambda: {"kind": [torch.ones(9)] * 50_000}, "version 1, got .*with list"),
     "two lines": (lambda: {"kind": "a\nb"}, "version 1, got .* with a b 1"),
     "gigabytes": (lambda: {"a": Gigabytes()}, "with __builtin__ bytearray, which no"),

@@ -95,7 +95,7 @@ def job_lock(own: Path | None) -> Iterator[None]:
     """
     with _lock.pop_all() as held:
         if own is not None:
-            # In a process of a launcher's, Hydra opened the log by itself.
+            # Where a launcher has Hydra open no log.
             if not _begun:
                 _take(held, own)
             elif (refusal := _begun.pop()) is not None:

@@ -59,6 +59,29 @@ class _JobError(Exception):
     """A job of a sweep ended with a sentence, which it printed; its status and that."""
 
 
+class _Hooks:
+    """Puts ours in place of functions of Hydra's; where it is unpickled, at once.
+
+    A launcher may start another process for a job, where Hydra writes into the job's
+    folder before it calls the recipe.
+    """
+
+    def put(self) -> None:
+        _register()
+        hydra.core.utils._save_config = save_whole
+        hydra.core.utils.configure_log = log_in_own_folder
+        hydra.core.utils.JobReturn.return_value = _return_value  # type: ignore[assignment, method-assign]
+
+    def __reduce__(self) -> tuple[Callable[[], "_Hooks"], tuple[()]]:
+        return _hooks_that_are_put, ()
+
+
+def _hooks_that_are_put() -> _Hooks:
+    hooks = _Hooks()
+    hooks.put()
+    return hooks
+
+
 def recipe(
     name: str, *, first: str | None = None, aliases: Mapping[str, str] | None = None
 ) -> Callable[[Callable[[Settings, Path], None]], Callable[[], None]]:
@@ -79,25 +102,21 @@ def recipe(
     def decorate(function: Callable[[Settings, Path], None]) -> Callable[[], None]:
         conf = Path(inspect.getfile(function)).resolve().parent.parent / "conf"
         # The folder of the sweep of each job that began here, and what was here before.
-        jobs, before = list[Path](), set[str]()
+        jobs, before, hooks = list[Path](), set[str](), _Hooks()
 
         def run(cfg: DictConfig) -> None:
-            # Once more: a launcher may have started another process for it.
-            _register()
+            hooks.put()  # where a launcher has pickled them, they were before
             jobs.append(Path(HydraConfig.get().sweep.dir))
             _run_job(name, function, cfg, before)
 
         def main() -> None:
-            _register()
+            hooks.put()
             # TorchRL logs every buffer that it makes, on standard output.
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             # Hydra then raises instead of printing, and the sentence is ours.
             os.environ["HYDRA_FULL_ERROR"] = "1"
             argparse.ArgumentParser.error = _refuse_flags  # type: ignore[assignment, method-assign]
-            hydra.core.utils._save_config = save_whole
-            hydra.core.utils.configure_log = log_in_own_folder
             hydra.core.plugins.Plugins.instantiate_sweeper = make_sweeper  # type: ignore[assignment, method-assign]
-            hydra.core.utils.JobReturn.return_value = _return_value  # type: ignore[assignment, method-assign]
             start = hydra.main(
                 version_base="1.3", config_path=str(conf), config_name=name
             )(run)

@@ -35,6 +35,9 @@ _NAMES = re.compile(
 )
 # Containers inside each other: runs have 9 at most.
 _DEEPEST = 30
+# Places in which a tuple stands again, where runs have none: each may double the time
+# that a key takes to be compared.
+_MOST_AGAIN = 16
 #: One measurement: names to values.
 Figures = Mapping[str, float]
 
@@ -174,15 +177,23 @@ def _require_own(path: Path) -> int:
             if entry.filename.endswith(".pkl"):
                 content = archive.read(entry)
                 size += len(content)
-                _require_names(content)
+                _require_plain_pickle(content)
     return size
 
 
-def _require_names(pickled: bytes) -> None:
-    """Refuse a pickle that would call anything but what makes tensors."""
-    for code, name, _ in pickletools.genops(pickled):
-        if code.name == "GLOBAL" and not _NAMES.fullmatch(str(name)):
-            raise ValueError(f"with {name}, which no run writes")
+def _require_plain_pickle(pickled: bytes) -> None:
+    """Refuse a pickle that calls anything but what makes tensors, or takes long."""
+    tuples, again, made = set[object](), 0, ""
+    for code, given, _ in pickletools.genops(pickled):
+        if code.name == "GLOBAL" and not _NAMES.fullmatch(str(given)):
+            raise ValueError(f"with {given}, which no run writes")
+        if not code.name.endswith("PUT"):
+            made = code.name
+        elif made.startswith("TUPLE"):
+            tuples.add(given)
+        again += code.name.endswith("GET") and given in tuples
+        if again > _MOST_AGAIN:
+            raise ValueError("with tuples inside each other again and again")
 
 
 def _require_tree(found: object, room: int) -> None:
