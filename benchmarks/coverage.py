@@ -1,17 +1,18 @@
 """Coverage of scripted policies: what a learner has to beat, and what is possible.
 
-    python benchmarks/coverage.py --out results/coverage.csv
+    python benchmarks/coverage.py --episodes 64 --seeds 0 1 2 --out results/coverage.csv
     python benchmarks/coverage.py --engine dmlab --mazes maze1 maze2 maze3 \
         --episodes 12 --expert-decisions 1800 --out results/dmlab/coverage.csv
 
 Share of the maze's cells visited in 1800 decisions by a uniformly random walk and by
 a sticky, forward-biased one, and the decisions that a frontier-following expert, who
 knows the plan, takes to visit 90 % of the cells and every cell. Means over episodes
-from random starts, with 95 % bootstrap intervals.
+from random starts, as many with each seed, with 95 % bootstrap intervals.
 """
 
 import argparse
 import csv
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,29 @@ def episodes(
     return np.concatenate(covered)[:count], np.concatenate(decisions)[:count]
 
 
+def play(
+    maze: str, *, engine: str, seed: int, walks: int, length: int
+) -> dict[tuple[str, str], np.ndarray]:
+    """Policies and what is measured of them to a value of each episode of a seed."""
+    world, measure = load_engine(engine).world, partial(episodes, maze, engine=engine)
+    mask = torch.from_numpy(load_maze(maze).open_mask)
+    weights = forward_weights(world)
+    policies = {
+        "uniform random": RandomPolicy(world.num_actions, seed=seed),
+        "sticky random": StickyPolicy(world.num_actions, weights=weights, seed=seed),
+    }
+    found = {}
+    for name, policy in policies.items():
+        covered, _ = measure(policy, count=walks, length=1800, seed=seed)
+        found[name, "coverage after 1800 decisions, %"] = covered
+    name, policy = "frontier expert", FrontierExpert(mask, world=world, seed=seed)
+    covered, taken = measure(policy, count=walks // 2, length=length, seed=seed)
+    found[name, f"coverage after {length} decisions, %"] = covered
+    for level, decisions in zip(LEVELS, taken.T, strict=True):
+        found[name, f"decisions to {100 * level:.0f} %"] = decisions
+    return found
+
+
 def main() -> None:
     """Measure, print the table, keep it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -84,49 +108,28 @@ def main() -> None:
     parser.add_argument("--expert-decisions", type=int, default=600)
     parser.add_argument("--engine", choices=ENGINES, default=DEFAULT_ENGINE)
     parser.add_argument("--mazes", nargs="+", choices=MAZES, default=[*MAZES])
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    world = load_engine(options.engine).world
-    length = options.expert_decisions
-    shared = {"engine": options.engine, "seed": options.seed}
-    rows = []
-    for maze in tqdm(options.mazes, desc="maze"):
-        mask = torch.from_numpy(load_maze(maze).open_mask)
-        walks = {
-            "uniform random": RandomPolicy(world.num_actions, seed=options.seed),
-            "sticky random": StickyPolicy(
-                world.num_actions,
-                weights=forward_weights(world),
-                seed=options.seed,
-            ),
-        }
-        for name, policy in walks.items():
-            covered, _ = episodes(
-                maze, policy, count=options.episodes, length=1800, **shared
-            )
-            rows.append([maze, name, "coverage after 1800 decisions, %", covered])
-        covered, decisions = episodes(
-            maze,
-            FrontierExpert(mask, world=world, seed=options.seed),
-            count=options.episodes // 2,
-            length=length,
-            **shared,
-        )
-        what = f"coverage after {length} decisions, %"
-        rows.append([maze, "frontier expert", what, covered])
-        for level, taken in zip(LEVELS, decisions.T, strict=True):
-            what = f"decisions to {level:.0%}".replace("%", " %")
-            rows.append([maze, "frontier expert", what, taken])
+    played = partial(
+        play,
+        engine=options.engine,
+        walks=options.episodes,
+        length=options.expert_decisions,
+    )
     table = []
-    for maze, policy, what, values in rows:
-        found = bootstrap(values)
-        ends = [round(x, 1) for x in (found.value, found.low, found.high)]
-        table.append([maze, policy, what, len(values), *ends])
-    header = ["maze", "policy", "what", "episodes", "mean", "ci_low", "ci_high"]
+    for maze in tqdm(options.mazes, desc="maze"):
+        seeds = [played(maze, seed=seed) for seed in tqdm(options.seeds, desc="seed")]
+        for policy, what in seeds[0]:
+            values = np.concatenate([one[policy, what] for one in seeds])
+            found = bootstrap(values)
+            ends = [round(x, 1) for x in (found.value, found.low, found.high)]
+            table.append([maze, policy, what, len(seeds), len(values), *ends])
+    header = ["maze", "policy", "what", "seeds", "episodes"]
+    header += ["mean", "ci_low", "ci_high"]
     for row in [header, *table]:
-        print("{:8} {:16} {:34} {:>8} {:>7} {:>7} {:>7}".format(*map(str, row)))
+        print("{:8} {:16} {:34} {:>5} {:>8} {:>7} {:>7} {:>7}".format(*map(str, row)))
     if options.out:
         with options.out.open("w", newline="") as file:
             csv.writer(file).writerows([header, *table])

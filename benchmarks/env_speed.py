@@ -3,13 +3,13 @@
     python benchmarks/env_speed.py --out results/env_speed.json
 
 Rates are decisions per second (one decision is four engine tics and one view) with
-random actions in maze1 at 160x120, the median of several windows that take turns:
+random actions in each maze at 160x120, the median of several windows that take turns:
 
 - bare: as many ``DoomGame`` as mazes, stepped in lock step by a thread pool with a
   thread each; the roof of anything that steps them together. Target for the
   environment: 0.7 of it with 8 mazes, 0.8 with 16.
 - ``MazeEnv``: ``step_and_maybe_reset``, as collectors drive it.
-- stock: ``ParallelEnv(8, GymEnv("toponav/Maze1-v0"))``. Target for the environment:
+- stock: ``ParallelEnv(8, GymEnv(...))`` of the maze. Target for the environment:
   at least 2.5 times its rate.
 """
 
@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase, GymEnv, ParallelEnv
 
-from toponav.envs import MazeEnv, SceneRules, draw_scene, load_maze
+from toponav.envs import MAZES, MazeEnv, SceneRules, draw_scene, load_maze
 from toponav.envs.engines.doom import (
     ACTIONS,
     TICS_PER_DECISION,
@@ -38,9 +38,11 @@ from toponav.envs.engines.doom import (
 BUTTONS = [list(buttons) for buttons in ACTIONS.values()]
 
 
-def bare_stepper(size: int) -> tuple[Callable[[list[int]], object], Callable[[], None]]:
+def bare_stepper(
+    maze: str, size: int
+) -> tuple[Callable[[list[int]], object], Callable[[], None]]:
     """A lock-step pool over bare engines, and what ends it."""
-    layout, cell_size = load_maze("maze1"), WORLD.motion.cell_size
+    layout, cell_size = load_maze(maze), WORLD.motion.cell_size
     games = [MazeGame(layout) for _ in range(size)]
     generator = np.random.default_rng(0)
     for game in games:
@@ -76,10 +78,10 @@ def env_stepper(env: EnvBase) -> Callable[[list[int]], object]:
     return step
 
 
-def stock_env() -> EnvBase:
+def stock_env(maze: str) -> EnvBase:
     """One Gymnasium maze in a worker of ``ParallelEnv``."""
     torch.set_num_threads(1)
-    return GymEnv("toponav/Maze1-v0", categorical_action_encoding=True)
+    return GymEnv(f"toponav/{maze.title()}-v0", categorical_action_encoding=True)
 
 
 def rates(
@@ -103,15 +105,14 @@ def rates(
 
 
 def compare(
-    size: int, *, with_stock: bool, windows: int, seconds: float
+    maze: str, size: int, *, with_stock: bool, windows: int, seconds: float
 ) -> dict[str, object]:
     """One table row: rates, and their ratios window by window."""
-    bare, close_bare = bare_stepper(size)
-    env = MazeEnv(load_maze("maze1"), batch_size=size)
+    bare, close_bare = bare_stepper(maze, size)
+    env = MazeEnv(load_maze(maze), batch_size=size)
     steppers = {"bare": bare, "env": env_stepper(env)}
-    stock = (
-        ParallelEnv(size, stock_env, mp_start_method="spawn") if with_stock else None
-    )
+    make = partial(stock_env, maze)
+    stock = ParallelEnv(size, make, mp_start_method="spawn") if with_stock else None
     if stock is not None:
         steppers["stock"] = env_stepper(stock)
     try:
@@ -126,21 +127,24 @@ def compare(
         ratios = [a / b for a, b in zip(found["env"], found[other], strict=True)]
         row[f"env/{other}"] = round(statistics.median(ratios), 3)
         row[f"env/{other} range"] = [round(min(ratios), 3), round(max(ratios), 3)]
-    return {"mazes": size, **row, "load": round(os.getloadavg()[0], 2)}
+    return {"maze": maze, "mazes": size, **row, "load": round(os.getloadavg()[0], 2)}
 
 
 def main() -> None:
     """Measure, print the table, keep it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mazes", nargs="+", choices=MAZES, default=[*MAZES][:3])
     parser.add_argument("--windows", type=int, default=9)
     parser.add_argument("--seconds", type=float, default=2.0)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
     run = partial(compare, windows=options.windows, seconds=options.seconds)
-    rows = [run(8, with_stock=True), run(16, with_stock=False)]
-    for row in rows:
-        print(row)
+    rows = []
+    for maze in options.mazes:
+        for size, with_stock in ((8, True), (16, False)):
+            rows.append(run(maze, size, with_stock=with_stock))
+            print(rows[-1], flush=True)
     if options.out:
         options.out.write_text(json.dumps(rows, indent=2) + "\n")
 

@@ -2,8 +2,8 @@
 
     python benchmarks/reset_and_memory.py --out results/reset_and_memory.json
 
-Resets include goal and five apples; target at most 3 ms each. Then a batch of 8
-mazes runs 100,000 decisions with 1,000 resets; resident memory of Python and of its
+In each maze resets include goal and five apples; target at most 3 ms each. Then a batch
+of 8 runs 100,000 decisions with 1,000 resets; resident memory of Python and of its
 engines is printed along the way and should stay flat.
 """
 
@@ -17,14 +17,14 @@ from pathlib import Path
 import psutil
 import torch
 
-from toponav.envs import MazeEnv, load_maze
+from toponav.envs import MAZES, MazeEnv, load_maze
 
-MAZES = 8
+BATCH = 8
 
 
-def reset_milliseconds(count: int) -> dict[str, float]:
+def reset_milliseconds(maze: str, count: int) -> dict[str, float]:
     """Median and 95 % quantile of single resets."""
-    env = MazeEnv(load_maze("maze1"), apples=5, goal=True)
+    env = MazeEnv(load_maze(maze), apples=5, goal=True)
     times = []
     try:
         for _ in range(count):
@@ -41,12 +41,12 @@ def reset_milliseconds(count: int) -> dict[str, float]:
     }
 
 
-def memory_growth(decisions: int, resets: int) -> list[dict[str, float]]:
+def memory_growth(maze: str, decisions: int, resets: int) -> list[dict[str, float]]:
     """Resident memory in MB at ten moments of a long run."""
     episode = decisions // resets
     env = MazeEnv(
-        load_maze("maze1"),
-        batch_size=MAZES,
+        load_maze(maze),
+        batch_size=BATCH,
         apples=5,
         goal=True,
         episode_length=episode,
@@ -55,16 +55,16 @@ def memory_growth(decisions: int, resets: int) -> list[dict[str, float]]:
     try:
         engines = [psutil.Process(pid) for pid in env.games.pids]
         data = env.reset()
-        steps = decisions // MAZES
+        steps = decisions // BATCH
         for step in range(1, steps + 1):
-            data["action"] = torch.randint(0, 6, (MAZES,))
+            data["action"] = torch.randint(0, 6, (BATCH,))
             _, data = env.step_and_maybe_reset(data)
             if step % (steps // 10) == 0:
                 engine = sum(process.memory_info().rss for process in engines)
                 python = psutil.Process().memory_info().rss
                 rows.append(
                     {
-                        "decisions": step * MAZES,
+                        "decisions": step * BATCH,
                         "python_mb": round(python / 2**20, 1),
                         "engines_mb": round(engine / 2**20, 1),
                         "open_files": psutil.Process().num_fds(),
@@ -79,19 +79,22 @@ def memory_growth(decisions: int, resets: int) -> list[dict[str, float]]:
 def main() -> None:
     """Measure, print the table, keep it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mazes", nargs="+", choices=MAZES, default=[*MAZES][:3])
     parser.add_argument("--decisions", type=int, default=100_000)
     parser.add_argument("--resets", type=int, default=1_000)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
-    result = {
-        "reset": reset_milliseconds(500),
-        "memory": memory_growth(options.decisions, options.resets),
-        "load": round(os.getloadavg()[0], 2),
-    }
-    print(result["reset"], "load", result["load"])
+    found = {}
+    for maze in options.mazes:
+        found[maze] = {
+            "reset": reset_milliseconds(maze, 500),
+            "memory": memory_growth(maze, options.decisions, options.resets),
+            "load": round(os.getloadavg()[0], 2),
+        }
+        print(maze, found[maze]["reset"], "load", found[maze]["load"], flush=True)
     if options.out:
-        options.out.write_text(json.dumps(result, indent=2) + "\n")
+        options.out.write_text(json.dumps(found, indent=2) + "\n")
 
 
 if __name__ == "__main__":
