@@ -21,7 +21,7 @@ from toponav.builders.maps import make_map
 from toponav.builders.pretraining import pretraining_decisions
 from toponav.config import SettingsError
 from toponav.config.explore import MOST_AROUND
-from toponav.graph import PoseRules, load_map, save_map, walking_costs
+from toponav.graph import PoseRules, ViewFile, load_map, save_map, walking_costs
 from toponav.ground_truth import GroundTruthDistances, waypoint_poses
 from toponav.metrics import map_quality
 from toponav.training import MapGrowth, finish
@@ -514,6 +514,8 @@ def test_a_waypoint_of_the_papers_network_takes_at_most_8_kb(tmp_path) -> None:
     # Embedding and what is compared: 512 numbers of four bytes each, and some counts.
     config = settings("model=resnet18", "model.embedding_dim=512", "map.envs=null")
     waypoints = make_untrained_growth(config, tmp_path).map.waypoints
+    # The view, 58 kB, is not in memory.
+    assert isinstance(waypoints.views, ViewFile)
     embeddings = torch.randn(10, 512)
     held = embeddings.nbytes + waypoints.entries_of(embeddings).nbytes
     assert 10 * 4096 <= held <= 10 * 8000
