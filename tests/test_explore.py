@@ -150,17 +150,11 @@ def test_it_leaves_tables_pictures_and_policies(run: Path) -> None:
     policy.load_state_dict(torch.load(run / "policy.pt")["weights"])
 
 
-@pytest.mark.slow
-def test_a_run_that_was_killed_ends_as_if_it_had_not_been(
-    run: Path, networks: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "maze=maze3,seed=0"  # as a sweep names folders
+def killed_and_resumed(networks: Path, folder: Path, *words: str) -> None:
+    """A run that is killed after its first batches, and ends without its networks."""
+    words = (f"pretrained={networks}", "report.save_every_s=0.01", *words)
     process = subprocess.Popen(
-        command(
-            f"pretrained={networks}",
-            "report.save_every_s=0.01",
-            f"hydra.run.dir='{folder}'",
-        ),
+        command(*words, f"hydra.run.dir='{folder}'"),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
@@ -173,14 +167,16 @@ def test_a_run_that_was_killed_ends_as_if_it_had_not_been(
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    before = without_times(folder / "metrics.csv")
-    assert len(before) < 4
+    assert len(without_times(folder / "metrics.csv")) < 4
     networks.rename(networks.with_name("moved.pt"))
     try:
         done = explore(f"resume={folder}")
     finally:
         networks.with_name("moved.pt").rename(networks)
     assert done.returncode == 0, done.stderr
+
+
+def require_same_runs(run: Path, folder: Path) -> None:
     for name in ("metrics", "episodes", "evaluation", "locomotion"):
         whole, cut = (without_times(one / f"{name}.csv") for one in (run, folder))
         assert whole == cut, name
@@ -200,6 +196,27 @@ def test_a_run_that_was_killed_ends_as_if_it_had_not_been(
     for one, other in zip(*logs, strict=True):
         if "second" not in one.name:
             assert one.read_text() == other.read_text(), one.name
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_ends_as_if_it_had_not_been(
+    run: Path, networks: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "maze=maze3,seed=0"  # as a sweep names folders
+    killed_and_resumed(networks, folder)
+    require_same_runs(run, folder)
+
+
+@pytest.mark.slow
+def test_one_of_two_processes_that_was_killed_does_so_too(
+    networks: Path, tmp_path: Path
+) -> None:
+    words = ("collect.workers=2", "collect.envs=4", "evaluate.episodes=1")
+    folder = tmp_path / "whole"
+    done = explore(f"pretrained={networks}", *words, f"hydra.run.dir={folder}")
+    assert done.returncode == 0, done.stderr
+    killed_and_resumed(networks, tmp_path / "cut", *words)
+    require_same_runs(folder, tmp_path / "cut")
 
 
 @pytest.mark.slow
