@@ -14,6 +14,13 @@ from toponav.envs.layout import MAX_SIDE
 from toponav.refusals import sentence_of, settings_of
 
 
+UNREADABLE = (
+    "settings must be written as name=value, with quotes around a value that Hydra "
+    "cannot read otherwise,"
+)
+BAD_WORDS = ("maze.rows=~", "reward.alpha=[1", "maze.apples==3", "maze", "+", 'a="')
+
+
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
@@ -25,6 +32,8 @@ from toponav.refusals import sentence_of, settings_of
         # Another method's, and nobody's.
         ("reward.eta=1", "'reward.eta' must go with reward=icm"),
         ("reward.alpah=1", "'reward.alpah' must be a setting of explore, got none of"),
+        # What cannot be read.
+        *((word, UNREADABLE + f" got '{word}'") for word in BAD_WORDS),
     ],
 )
 def test_what_a_setting_does_not_take(word: str, sentence: str) -> None:

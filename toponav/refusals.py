@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, get_origin, get_type_hints
 
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -65,6 +65,9 @@ def _refusal(error: Exception, name: str) -> str:
     for one in errors:
         if isinstance(one, (SettingsError, *FAILURES)):
             return str(one)
+        if isinstance(one, OverrideParseException):
+            rule = "settings must be written as name=value, with quotes around a value"
+            return f"{rule} that Hydra cannot read otherwise, got '{one.override}'"
     # The innermost message first: Hydra wraps what OmegaConf says.
     causes = [one.__cause__ for one in reversed(errors) if one.__cause__]
     text = "\n".join(str(one) for one in (*causes, error))
