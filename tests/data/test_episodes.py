@@ -100,12 +100,24 @@ def test_writers_that_take_turns_are_told_apart_by_trajectory(
     episodes = find_episodes(buffer.storage)
     runs = read(buffer, episodes)
     check_runs(runs, 40)
-    # 64 frames were written and 40 kept: of each writer the last 20.
+    # 64 frames were written and 40 kept: of each writer the last 20. The 41st is row 0,
+    # and the 45th, where the other's second episode begins, row 4.
     assert [(run[0], len(run)) for run in runs] == [
         ((1, 0), 20),
-        ((10, 12), 8),
         ((11, 0), 12),
+        ((10, 12), 8),
     ]
+
+
+@given(st.permutations(range(4)))
+def test_numbers_of_episodes_say_nothing_of_their_order(numbers: list[int]) -> None:
+    frames = make_frames([3, 5, 2, 4])
+    buffer = ReplayBuffer(storage=LazyTensorStorage(14))
+    frames[TRAJECTORY] = torch.tensor(numbers)[frames[TRAJECTORY].long()]
+    buffer.extend(frames)
+    episodes = find_episodes(buffer.storage)
+    assert episodes.length.tolist() == [3, 5, 2, 4]
+    assert episodes.order.tolist() == list(range(14))
 
 
 def test_runs_of_an_episode_with_a_gap_share_their_group() -> None:
@@ -136,7 +148,8 @@ def test_a_full_ring_that_was_loaded_is_read(tmp_path: Path) -> None:
     first.dumps(tmp_path)
     second.loads(tmp_path)
     episodes = find_episodes(second.storage)
-    assert episodes.length.tolist() == [7, 13]
+    # The second begins again at row 0.
+    assert episodes.length.tolist() == [13, 7]
 
 
 def test_an_empty_storage_has_no_episodes() -> None:

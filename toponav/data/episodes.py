@@ -57,6 +57,8 @@ class Episodes:
 def find_episodes(storage: Storage) -> Episodes:
     """Sort the frames of a storage of any number of dimensions by episode and step.
 
+    Episodes come in the order of their first rows, whatever their numbers.
+
     Where they lie does not matter: several writers may take turns in one ring. The
     number of an episode must be unique in the storage.
     """
@@ -73,6 +75,11 @@ def find_episodes(storage: Storage) -> Episodes:
     trajectory, step = (
         entry.reshape(data.numel(), -1)[:, 0].cpu() for entry in found.values()
     )
+    # In the order in which they begin in the storage: of several processes the number
+    # of one says which was first to ask for it.
+    _, number = trajectory.unique(return_inverse=True)
+    row = torch.arange(len(number))
+    trajectory = row.scatter_reduce(0, number, row, "amin", include_self=False)[number]
     by_step = step.argsort(stable=True)
     order = by_step[trajectory[by_step].argsort(stable=True)]
     trajectory, step = trajectory[order], step[order]
