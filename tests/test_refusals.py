@@ -13,7 +13,6 @@ from toponav.config import RECIPES, SettingsError
 from toponav.envs.layout import MAX_SIDE
 from toponav.refusals import sentence_of, settings_of
 
-
 UNREADABLE = (
     "settings must be written as name=value, with quotes around a value that Hydra "
     "cannot read otherwise,"

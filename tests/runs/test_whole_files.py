@@ -145,6 +145,7 @@ _WRITES = re.compile(
 )
 _KNOWN = {
     "toponav/runs/files.py",
+    "toponav/runs/checkpoint_files.py",
     "toponav/graph/map_file.py",
     "toponav/graph/views.py",
     "toponav/plotting/style.py",

@@ -1,21 +1,23 @@
 """Run folders: locks, checkpoints, tables, drawn settings."""
 
+from toponav.runs.checkpoint_files import (
+    CHECKPOINT_FILE as CHECKPOINT_FILE,
+    reading_checkpoint as reading_checkpoint,
+    reason_of as reason_of,
+    save_atomically as save_atomically,
+)
 from toponav.runs.draws import (
     DRAWS_FILE as DRAWS_FILE,
     keep_draws as keep_draws,
     log_uniform as log_uniform,
 )
 from toponav.runs.files import (
-    CHECKPOINT_FILE as CHECKPOINT_FILE,
     Figures as Figures,
     alone_with as alone_with,
     make_loggers as make_loggers,
-    reading_checkpoint as reading_checkpoint,
-    reason_of as reason_of,
     remove_halves as remove_halves,
     remove_halves_of as remove_halves_of,
     replacing as replacing,
-    save_atomically as save_atomically,
     write_array as write_array,
     write_history as write_history,
     write_text as write_text,

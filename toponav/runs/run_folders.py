@@ -17,8 +17,8 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from pandas.api.types import is_numeric_dtype
 
 from toponav.config import read_yaml, require
+from toponav.runs.checkpoint_files import CHECKPOINT_FILE
 from toponav.runs.draws import DRAWS_FILE
-from toponav.runs.files import CHECKPOINT_FILE
 
 #: Beside a run's settings, of a maze with a file of its own: what it was.
 LAYOUT_FILE = "layout.txt"
