@@ -14,7 +14,7 @@ import torch
 from torch import nn
 
 from tests.conftest import DEVICES
-from tests.exploring import explore_settings, make_batch, world_of
+from tests.exploring import explore_settings, make_batch, save_untrained, world_of
 from tests.forked import run_forked
 from tests.methods import test_nav_a3c, test_q_learners
 from tests.models import tiny_model
@@ -206,67 +206,79 @@ def test_the_truth_about_waypoints_stays_small_there(device: str) -> None:
     assert truth.poses.shape[1] == 8
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DEVICES)
-def test_recipes_run_there(name: str, tmp_path: Path) -> None:
-    """Pre-training, a resume of it, another one from its networks; then exploring.
+def run_there(name: str, recipe: str, *overrides: str) -> None:
+    """A recipe with ``device=<name>``, to its end."""
+    if name == NAME and recipe == "explore":
+        done = run_forked(recipe, *overrides, inside=stand_in_workers())
+    else:
+        script = [str(ROOT / "tests/stand_in_device.py")] if name == NAME else []
+        done = subprocess.run(
+            [sys.executable, *script, f"{ROOT}/recipes/{recipe}.py", *overrides],
+            capture_output=True,
+            text=True,
+            timeout=280,
+            check=False,
+        )
+    assert done.returncode == 0, done.stderr
 
-    With all that trains, a resume of that, and the default.
-    """
 
-    def run(recipe: str, *overrides: str) -> None:
-        if name == NAME and recipe == "explore":
-            done = run_forked(recipe, *overrides, inside=stand_in_workers())
-        else:
-            script = [str(ROOT / "tests/stand_in_device.py")] if name == NAME else []
-            done = subprocess.run(
-                [sys.executable, *script, f"{ROOT}/recipes/{recipe}.py", *overrides],
-                capture_output=True,
-                text=True,
-                timeout=280,
-                check=False,
-            )
-        assert done.returncode == 0, done.stderr
+def small(name: str) -> tuple[str, ...]:
+    return "scale=smoke", f"device={name}", "model.embedding_dim=8"
 
-    small = ("scale=smoke", f"device={name}", "model.embedding_dim=8")
-    networks, folder = tmp_path / "networks", tmp_path / "run"
-    validate = ("validate.decisions=60", "validate.every=2", "validate.pairs=20")
-    updates = ("train.updates=2", "train.warmup=1", "collect.decisions=512")
-    run("pretrain", *small, *updates, *validate, f"hydra.run.dir={networks}")
-    run("pretrain", f"resume={networks}", "train.updates=3")
-    other = (f"init_from={networks}", f"hydra.run.dir={tmp_path}/other")
-    run("pretrain", *small, *updates, *validate, *other)
-    run(
-        "explore",
-        *small,
+
+def exploring(name: str, tmp_path: Path) -> tuple[str, ...]:
+    """Of a short exploration by networks that were never trained."""
+    networks = tmp_path / "networks.pt"
+    save_untrained(networks)
+    return (
+        *small(name),
         f"pretrained={networks}",
         "policy.hidden=16",
-        "policy.input=pixels",
-        "loss=a3c",
         "maze.episode_length=32",
-        "collect.decisions=512",
         "evaluate.episodes=1",
         "evaluate.random_episodes=1",
         f"evaluate.random_folder={tmp_path}/baselines",
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DEVICES)
+def test_pretraining_runs_there(name: str, tmp_path: Path) -> None:
+    """One, a resume of it, and another one from its networks."""
+    words = (*small(name), "train.updates=2", "train.warmup=1", "collect.decisions=512")
+    words += ("validate.decisions=60", "validate.every=2", "validate.pairs=20")
+    networks = tmp_path / "networks"
+    run_there(name, "pretrain", *words, f"hydra.run.dir={networks}")
+    run_there(name, "pretrain", f"resume={networks}", "train.updates=3")
+    other = (f"init_from={networks}", f"hydra.run.dir={tmp_path}/other")
+    run_there(name, "pretrain", *words, *other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DEVICES)
+def test_exploring_runs_there_with_all_that_trains(name: str, tmp_path: Path) -> None:
+    """And a resume of it."""
+    run_there(
+        name,
+        "explore",
+        *exploring(name, tmp_path),
+        "policy.input=pixels",
+        "loss=a3c",
+        "collect.decisions=512",
         "locomotion.updates=3",
         "online.learn=true",
         "online.ahead=256",
         "online.every=256",
         "online.publish_every=256",
-        f"hydra.run.dir={folder}",
+        f"hydra.run.dir={tmp_path}/run",
     )
-    run("explore", f"resume={folder}")
-    run(
-        "explore",
-        *small,
-        f"pretrained={networks}",
-        "policy.hidden=16",
-        "map.poses=true",
-        "maze.episode_length=32",
-        "collect.decisions=256",
-        "evaluate.episodes=1",
-        "evaluate.random_episodes=1",
-        f"evaluate.random_folder={tmp_path}/baselines",
-        f"hydra.run.dir={tmp_path}/default",
-    )
+    run_there(name, "explore", f"resume={tmp_path}/run")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DEVICES)
+def test_exploring_runs_there_by_the_default(name: str, tmp_path: Path) -> None:
+    words = ("map.poses=true", "collect.decisions=256")
+    folder = f"hydra.run.dir={tmp_path}/default"
+    run_there(name, "explore", *exploring(name, tmp_path), *words, folder)
     assert (tmp_path / "default" / "map.zip").is_file()
