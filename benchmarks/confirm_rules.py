@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pose_maps import read_settings, restore
+from pose_maps import read_settings, restore, rounded
 from torch import Tensor
 from tqdm import tqdm
 
@@ -149,15 +149,11 @@ def main() -> None:
             growth, _ = restore(run, copy, None)
             for row in compare(growth, options):
                 row |= {"maze": maze, "seed": settings.seed}
-                rows.append([_rounded(row.get(name, "")) for name in COLUMNS])
+                rows.append([rounded(row.get(name, "")) for name in COLUMNS])
                 tqdm.write(str(dict(zip(COLUMNS, rows[-1], strict=True))))
     if options.out:
         with options.out.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
-
-
-def _rounded(value: object) -> object:
-    return round(value, 4) if isinstance(value, float) else value
 
 
 if __name__ == "__main__":

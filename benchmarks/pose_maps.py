@@ -104,14 +104,15 @@ def main() -> None:
                 left_out = shutil.ignore_patterns(CHECKPOINT_FILE, "logs")
                 shutil.copytree(run, copy, ignore=left_out)
                 row = measure(run, copy, within)
-            rows.append([_rounded(row[name]) for name in COLUMNS])
+            rows.append([rounded(row[name]) for name in COLUMNS])
             print(dict(zip(COLUMNS, rows[-1], strict=True)), flush=True)
     if options.out:
         with options.out.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
-def _rounded(value: object) -> object:
+def rounded(value: object) -> object:
+    """What a table has of a value: four digits of a float."""
     return round(value, 4) if isinstance(value, float) else value
 
 

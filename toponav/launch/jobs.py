@@ -105,7 +105,7 @@ def recipe(
         jobs, before, hooks = list[Path](), set[str](), _Hooks()
 
         def run(cfg: DictConfig) -> None:
-            hooks.put()  # where a launcher has pickled them, they were before
+            hooks.put()  # named here so that a launcher pickles them, too
             jobs.append(Path(HydraConfig.get().sweep.dir))
             _run_job(name, function, cfg, before)
 

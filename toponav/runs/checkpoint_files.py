@@ -29,7 +29,7 @@ _NAMES = re.compile(
 # Containers inside each other: runs have 9 at most.
 _DEEPEST = 30
 # Places in which a tuple stands again, where runs have none: each may double the time
-# that a key takes to be compared.
+# that a key takes to be hashed.
 _MOST_AGAIN = 16
 
 
